@@ -1,0 +1,172 @@
+"""The pinhole camera and its depth image.
+
+Camera frame: x right, y down, z forward; pixel centres at integers; no distortion. Depth is z along the optical axis.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+
+from pretouch.errors import InvalidInput, Malformed, TooLarge
+from pretouch.geometry import Array, frozen_array
+
+MAX_PIXELS = 4_000_000
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Pinhole intrinsics in pixels.
+
+    Raises:
+        Malformed: a value is not finite.
+        InvalidInput: a focal length is not positive.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy", "cx", "cy"):
+            object.__setattr__(self, name, float(frozen_array(getattr(self, name), (), f"camera.{name}")))
+        if self.fx <= 0 or self.fy <= 0:
+            raise InvalidInput(
+                f"The focal lengths are {self.fx:g} and {self.fy:g} pixels.", "Send fx and fy greater than zero."
+            )
+
+    def project(self, points: ArrayLike) -> Array:
+        """Points (..., 3) in the camera frame, z > 0, to pixels (..., 2) as (u, v)."""
+        p = np.asarray(points, dtype=np.float64)
+        return np.stack([self.fx * p[..., 0] / p[..., 2] + self.cx, self.fy * p[..., 1] / p[..., 2] + self.cy], axis=-1)
+
+    def back_project(self, pixels: ArrayLike, depth: ArrayLike) -> Array:
+        """Pixels (..., 2) as (u, v) with depths (...,), m, to points (..., 3) in the camera frame."""
+        uv, z = np.asarray(pixels, dtype=np.float64), np.asarray(depth, dtype=np.float64)
+        return np.stack([(uv[..., 0] - self.cx) * z / self.fx, (uv[..., 1] - self.cy) * z / self.fy, z], axis=-1)
+
+    def organised(self, depth: ArrayLike) -> Array:
+        """A depth image (h, w), m, to points (h, w, 3) in the camera frame; (0, 0, 0) where there is no data."""
+        z = np.asarray(depth, dtype=np.float64)
+        v, u = np.indices(z.shape)
+        return self.back_project(np.stack([u, v], axis=-1), z)
+
+    def cropped(self, u0: int, v0: int) -> Camera:
+        """The camera of an image whose first pixel was (u0, v0)."""
+        return Camera(self.fx, self.fy, self.cx - u0, self.cy - v0)
+
+
+@dataclass(frozen=True, eq=False)
+class DepthImage:
+    """A depth image.
+
+    Attributes:
+        metres: (h, w) float32, z along the optical axis; 0 where there is no data. NaN, infinite and negative values
+            given become 0.
+    """
+
+    metres: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.metres)
+        if values.ndim != 2 or values.size == 0:
+            raise InvalidInput(
+                f"The depth image has shape {list(values.shape)}.", "Send a depth image of h x w values."
+            )
+        if values.size > MAX_PIXELS:
+            raise TooLarge(
+                f"The depth image has {values.size} pixels; the limit is {MAX_PIXELS}.",
+                "Send a smaller or cropped image.",
+            )
+        metres = values.astype(np.float32)
+        metres[~(np.isfinite(metres) & (metres > 0))] = 0.0
+        metres.setflags(write=False)
+        object.__setattr__(self, "metres", metres)
+
+    @staticmethod
+    def from_values(values: NDArray[np.generic], depth_scale: float) -> DepthImage:
+        """From stored values (h, w), uint16 or float32; metres = value x depth_scale.
+
+        Raises:
+            InvalidInput: another type, or a scale that is not positive.
+        """
+        scale = float(frozen_array(depth_scale, (), "camera.depth_scale"))
+        if scale <= 0:
+            raise InvalidInput(f"camera.depth_scale is {scale:g}.", "Send the metres that one stored unit stands for.")
+        if values.dtype not in (np.uint16, np.float32):
+            raise InvalidInput(
+                f"The depth image holds {values.dtype} values.", "Send uint16 or float32 values and camera.depth_scale."
+            )
+        with np.errstate(over="ignore", invalid="ignore"):
+            return DepthImage((values.astype(np.float64) * scale).astype(np.float32))
+
+    @property
+    def height(self) -> int:
+        return int(self.metres.shape[0])
+
+    @property
+    def width(self) -> int:
+        return int(self.metres.shape[1])
+
+
+def decode_depth(data: bytes) -> NDArray[np.generic]:
+    """Stored values (h, w) of a 16-bit PNG, or of an `.npy` file of uint16 or float32 (never unpickled).
+
+    Raises:
+        Malformed: neither, or damaged.
+        TooLarge: more than MAX_PIXELS pixels.
+        InvalidInput: a PNG that is not 16-bit grey, an array of another type or shape.
+    """
+    if data.startswith(b"\x93NUMPY"):
+        return _decode_npy(data)
+    image = decode_png(data, "depth image")
+    if image.dtype not in (np.uint16, np.int32):
+        raise InvalidInput(
+            "The depth PNG is not 16-bit greyscale.", "Send a 16-bit greyscale PNG, or an .npy of uint16 or float32."
+        )
+    return image.astype(np.uint16)
+
+
+def _decode_npy(data: bytes) -> NDArray[np.generic]:
+    stream = io.BytesIO(data)
+    remedy = "Write it with numpy.save from a two-dimensional uint16 or float32 array."
+    try:
+        version = np.lib.format.read_magic(stream)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read_header(stream)
+    except Exception as error:  # numpy raises many kinds on a damaged header
+        raise Malformed("The .npy depth image has a damaged header.", remedy) from error
+    if len(shape) != 2 or dtype.newbyteorder("=") not in (np.dtype(np.uint16), np.dtype(np.float32)):
+        raise InvalidInput(f"The .npy depth image holds {dtype} values of shape {list(shape)}.", remedy)
+    if shape[0] * shape[1] > MAX_PIXELS:
+        raise TooLarge(f"The depth image has {shape[0] * shape[1]} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
+    try:
+        values: NDArray[np.generic] = np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise Malformed("The .npy depth image is cut short.", remedy) from error
+    return values.astype(values.dtype.newbyteorder("="))
+
+
+def decode_png(data: bytes, name: str) -> NDArray[np.generic]:
+    """Values (h, w) of a single-channel PNG, or (h, w, c) of a coloured one.
+
+    Raises:
+        Malformed: not a PNG, or damaged.
+        TooLarge: more than MAX_PIXELS pixels.
+    """
+    try:
+        with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
+            if image.width * image.height > MAX_PIXELS:
+                raise TooLarge(
+                    f"The {name} has {image.width * image.height} pixels; the limit is {MAX_PIXELS}.", "Crop it."
+                )
+            return np.array(image)
+    except TooLarge:
+        raise
+    except Exception as error:  # Pillow raises many kinds on damaged files
+        raise Malformed(f"The {name} is not a readable PNG.", f"Send the {name} as a PNG file.") from error

@@ -1,0 +1,165 @@
+"""The errors of pretouch and how each crosses the wire.
+
+    PretouchError
+    ├── InvalidInput            422  a value is wrong in itself or against another one
+    │   ├── Malformed           400  cannot be parsed, or a number is not finite
+    │   ├── UnsupportedMedia    415  the body is of another type than asked for
+    │   └── TooLarge            413  beyond a stated limit
+    ├── Unauthenticated         401  no token, or a wrong one
+    ├── NotFound                404  no such session, scan, device or page
+    ├── MethodNotAllowed        405  the resource exists, the method does not
+    ├── Conflict                409  the request does not fit the present state
+    ├── Overloaded              429  every worker is busy: try again shortly
+    ├── Internal                500  a defect of pretouch itself
+    ├── Unavailable             503  a service, device or proposer cannot be reached or is not ready
+    └── DeadlineExceeded        504  an answer did not come in time
+
+Each error says in `detail` what was wrong and in `remedy` what to do about it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import grpc
+
+PROBLEM_METADATA_KEY = "pretouch-problem-bin"
+"""Trailing metadata of a failed gRPC call: the RFC 9457 problem document as UTF-8 JSON."""
+
+
+class PretouchError(Exception):
+    """Base of all errors that pretouch raises on purpose.
+
+    Args:
+        detail: what was wrong, with the offending value.
+        remedy: what the caller can do about it.
+    """
+
+    def __init__(self, detail: str, remedy: str = "") -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.remedy = remedy
+
+
+class InvalidInput(PretouchError):
+    """A value is wrong in itself or against another one."""
+
+
+class Malformed(InvalidInput):
+    """Input cannot be parsed, or holds a number that is not finite."""
+
+
+class UnsupportedMedia(InvalidInput):
+    """The body or one of its parts is of another type than asked for."""
+
+
+class TooLarge(InvalidInput):
+    """Input is beyond a stated limit."""
+
+
+class Unauthenticated(PretouchError):
+    """The call carries no token, or a wrong one."""
+
+
+class NotFound(PretouchError):
+    """There is no such session, scan, device or page."""
+
+
+class MethodNotAllowed(PretouchError):
+    """The resource exists but does not know the method."""
+
+
+class Conflict(PretouchError):
+    """The request does not fit the present state."""
+
+
+class Overloaded(PretouchError):
+    """Every worker is busy and the queue is full."""
+
+
+class Unavailable(PretouchError):
+    """A service, a device or a proposer cannot be reached or is not ready."""
+
+
+class DeadlineExceeded(PretouchError):
+    """An answer did not come in time."""
+
+
+class Internal(PretouchError):
+    """A defect of pretouch itself; the log has the trace, the wire never does."""
+
+
+@dataclass(frozen=True)
+class Wire:
+    """How one kind of error crosses the wire."""
+
+    slug: str
+    title: str
+    http_status: int
+    grpc_code: grpc.StatusCode
+
+
+_C = grpc.StatusCode
+WIRE: dict[type[PretouchError], Wire] = {
+    Malformed: Wire("malformed", "The request cannot be read", 400, _C.INVALID_ARGUMENT),
+    UnsupportedMedia: Wire("unsupported-media", "The media type is not supported", 415, _C.INVALID_ARGUMENT),
+    TooLarge: Wire("too-large", "The request is too large", 413, _C.RESOURCE_EXHAUSTED),
+    InvalidInput: Wire("invalid-input", "The request is not valid", 422, _C.INVALID_ARGUMENT),
+    Unauthenticated: Wire("unauthenticated", "The call is not authenticated", 401, _C.UNAUTHENTICATED),
+    NotFound: Wire("not-found", "Not found", 404, _C.NOT_FOUND),
+    MethodNotAllowed: Wire("method-not-allowed", "Method not allowed", 405, _C.UNIMPLEMENTED),
+    Conflict: Wire("conflict", "The request conflicts with the present state", 409, _C.FAILED_PRECONDITION),
+    Overloaded: Wire("overloaded", "The service is busy", 429, _C.RESOURCE_EXHAUSTED),
+    Unavailable: Wire("unavailable", "Not available at present", 503, _C.UNAVAILABLE),
+    DeadlineExceeded: Wire("deadline-exceeded", "The answer did not come in time", 504, _C.DEADLINE_EXCEEDED),
+    Internal: Wire("internal", "An internal error", 500, _C.INTERNAL),
+}
+"""The one table: error -> problem slug, title, HTTP status and gRPC code."""
+
+_BY_SLUG = {wire.slug: kind for kind, wire in WIRE.items()}
+_TYPE_PREFIX = "urn:pretouch:problem:"
+
+
+def wire_of(error: PretouchError) -> Wire:
+    """The row of the table for `error`, by its class or nearest base class."""
+    for kind in type(error).__mro__:
+        if kind in WIRE:
+            return WIRE[kind]
+    return WIRE[Internal]
+
+
+def problem(error: PretouchError) -> dict[str, Any]:
+    """The RFC 9457 problem document of `error`; `remedy` is our extension member."""
+    wire = wire_of(error)
+    return {
+        "type": _TYPE_PREFIX + wire.slug,
+        "title": wire.title,
+        "status": wire.http_status,
+        "detail": error.detail,
+        "remedy": error.remedy,
+    }
+
+
+def from_problem(document: dict[str, Any]) -> PretouchError:
+    """The error that `problem` wrote; an unknown type becomes `Internal`."""
+    slug = str(document.get("type", "")).removeprefix(_TYPE_PREFIX)
+    kind = _BY_SLUG.get(slug, Internal)
+    return kind(str(document.get("detail", "")), str(document.get("remedy", "")))
+
+
+def from_rpc_error(error: grpc.RpcError) -> PretouchError:
+    """The error behind a failed gRPC call: from its problem metadata, else from its status code."""
+    metadata = error.trailing_metadata() if hasattr(error, "trailing_metadata") else None
+    for key, value in metadata or ():
+        if key == PROBLEM_METADATA_KEY:
+            return from_problem(json.loads(value))
+    code = error.code() if hasattr(error, "code") else _C.UNKNOWN
+    detail = (error.details() if hasattr(error, "details") else None) or str(error)
+    if code in (_C.UNAVAILABLE, _C.CANCELLED):
+        return Unavailable(detail, "Check that the service runs at the given address, then try again.")
+    for kind, wire in WIRE.items():
+        if wire.grpc_code is code:
+            return kind(detail)
+    return Internal(f"{code}: {detail}")

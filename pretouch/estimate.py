@@ -1,0 +1,117 @@
+"""The answer: a corrected pose and how sure we are of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pretouch.errors import InvalidInput
+from pretouch.geometry import Array, Pose, frozen_array
+
+_DRAWS = 1024
+_MAX_POINTS = 256
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is believed before the first scan: an unbiased normal error of the camera's calibration.
+
+    Attributes:
+        translation_std: m, per base axis. The default is uniform +-2 cm as a normal: 2 cm / sqrt 3.
+        rotation_std: rad, per base axis, about the object's centroid. The default is uniform +-5 deg as a normal.
+    """
+
+    translation_std: float = 0.0115
+    rotation_std: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name in ("translation_std", "rotation_std"):
+            value = float(frozen_array(getattr(self, name), (), f"prior.{name}"))
+            if not 0 < value <= 1:
+                raise InvalidInput(
+                    f"prior.{name} is {value:g}.", "Need a standard deviation above 0, at most 1 (m or rad)."
+                )
+            object.__setattr__(self, name, value)
+
+    def covariance(self) -> Array:
+        """6x6, order (rotation vector, translation)."""
+        return np.diag([self.rotation_std**2] * 3 + [self.translation_std**2] * 3)
+
+
+@dataclass(frozen=True, eq=False)
+class WeakDirection:
+    """A direction in which the pose is still free.
+
+    Attributes:
+        direction: unit (6,), order (rotation vector scaled by the object's radius, translation), base axes.
+        std: m, standard deviation along it.
+        text: the direction in words.
+    """
+
+    direction: Array
+    std: float
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A corrected pose with its uncertainty.
+
+    Attributes:
+        base_T_correction: maps a point where the camera put it to where it truly is, both in base.
+        centroid: (3,), m, the mean of the object's cloud in base before correction.
+        covariance: 6x6, order (rotation vector, translation), base axes, of the error
+            (log(R_true R_est^T), T_true c - T_est c); rad^2, rad m, m^2.
+        expected_error: m, expectation, over the covariance, of the mean distance of estimated from true object points.
+        error_quantile: m, the 95 % quantile of the same.
+        unobservable: directions that are still free, the weakest first.
+        inliers: samples that agree with the estimate.
+        samples: samples used.
+        rmse: m, root mean square residual of the inliers; 0 without any.
+    """
+
+    base_T_correction: Pose
+    centroid: Array
+    covariance: Array
+    expected_error: float
+    error_quantile: float
+    unobservable: tuple[WeakDirection, ...] = ()
+    inliers: int = 0
+    samples: int = 0
+    rmse: float = 0.0
+
+
+def point_error(
+    covariance: ArrayLike, points: ArrayLike, centroid: ArrayLike, quantiles: ArrayLike = (0.95,)
+) -> tuple[float, Array]:
+    """The mean point error that a pose covariance stands for, by 1024 fixed draws.
+
+    A pose error (w, d) moves the point p by about w x (p - c) + d.
+
+    Args:
+        covariance: 6x6 as in `Estimate`.
+        points: (n, 3), m, the object's points as estimated.
+        centroid: (3,), m, as estimated.
+        quantiles: (k,) in (0, 1).
+
+    Returns:
+        The expectation, m, and the quantiles (k,), m.
+    """
+    arms = np.asarray(points, dtype=np.float64)
+    arms = arms[:: max(1, len(arms) // _MAX_POINTS)] - np.asarray(centroid, dtype=np.float64)
+    values, vectors = np.linalg.eigh(np.asarray(covariance, dtype=np.float64))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    normal = np.random.default_rng(0).standard_normal((_DRAWS // 2, 6))
+    draws = np.concatenate([normal, -normal]) @ root.T
+    w, d = draws[:, None, :3], draws[:, None, 3:]
+    errors = np.linalg.norm(np.cross(w, arms[None]) + d, axis=2).mean(axis=1)
+    return float(errors.mean()), np.quantile(errors, np.asarray(quantiles, dtype=np.float64))
+
+
+def from_prior(prior: Prior, cloud: Array) -> Estimate:
+    """The estimate before the first scan: identity and the prior; `cloud` (n, 3), m, is the object's in base."""
+    centroid = cloud.mean(axis=0)
+    expected, quantile = point_error(prior.covariance(), cloud, centroid)
+    return Estimate(Pose.identity(), centroid, prior.covariance(), expected, float(quantile[0]))

@@ -1,0 +1,250 @@
+"""Rigid poses in SE(3), planes, and the interpolation between poses.
+
+`a_T_b` maps a point in frame b to frame a. Metres, radians, right-handed; quaternions are `xyzw`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pretouch.errors import InvalidInput, Malformed
+
+Array = NDArray[np.float64]
+
+QUATERNION_NORM_TOLERANCE = 1e-3
+"""A quaternion whose norm is within this of 1 is normalised; any other is refused."""
+_ORTHONORMAL_TOLERANCE = 1e-4
+
+
+def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
+    """A read-only float64 copy of `values`, checked.
+
+    Args:
+        values: anything numpy can turn into numbers.
+        shape: the shape wanted; None stands for any length.
+        name: what the values are called in the error.
+
+    Raises:
+        Malformed: not numbers, or not finite.
+        InvalidInput: of another shape.
+    """
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise Malformed(f"{name} is not made of numbers.", f"Send {name} as numbers.") from error
+    if array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True)):
+        wanted = " x ".join("n" if n is None else str(n) for n in shape)
+        raise InvalidInput(f"{name} has shape {list(array.shape)}, not {wanted}.", f"Send {name} as {wanted} numbers.")
+    if not np.isfinite(array).all():
+        raise Malformed(f"{name} holds NaN or infinity.", f"Send finite numbers for {name}.")
+    array.setflags(write=False)
+    return array
+
+
+def skew(v: ArrayLike) -> Array:
+    """The 3x3 matrix [v]x with [v]x w = v x w."""
+    x, y, z = np.asarray(v, dtype=np.float64)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_from_vector(rotation_vector: ArrayLike) -> Array:
+    """exp: rotation vector (3,), rad, to a 3x3 matrix (Rodrigues' formula)."""
+    vector = np.asarray(rotation_vector, dtype=np.float64)
+    angle = float(np.linalg.norm(vector))
+    k = skew(vector)
+    if angle < 1e-8:
+        return np.asarray(np.eye(3) + k + 0.5 * k @ k, dtype=np.float64)
+    turn = np.sin(angle) / angle * k + (1.0 - np.cos(angle)) / angle**2 * k @ k
+    return np.asarray(np.eye(3) + turn, dtype=np.float64)
+
+
+def vector_from_rotation(rotation: ArrayLike) -> Array:
+    """log: 3x3 rotation matrix to its rotation vector (3,), rad, of length at most pi."""
+    x, y, z, w = quaternion_from_rotation(rotation)
+    if w < 0:
+        x, y, z, w = -x, -y, -z, -w
+    sine = float(np.sqrt(x * x + y * y + z * z))
+    if sine < 1e-9:
+        return 2.0 * np.array([x, y, z])
+    return np.asarray(2.0 * np.arctan2(sine, w) / sine * np.array([x, y, z]), dtype=np.float64)
+
+
+def rotation_from_quaternion(xyzw: ArrayLike) -> Array:
+    """Unit quaternion (4,) `xyzw` to a 3x3 matrix."""
+    x, y, z, w = np.asarray(xyzw, dtype=np.float64)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_rotation(rotation: ArrayLike) -> Array:
+    """3x3 rotation matrix to its unit quaternion (4,) `xyzw` (Shepperd's method: the largest element first)."""
+    m = np.asarray(rotation, dtype=np.float64)
+    squares = np.array(
+        [
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+        ]
+    )
+    largest = int(np.argmax(squares))
+    products = np.array(
+        [
+            [squares[0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
+            [m[0, 1] + m[1, 0], squares[1], m[1, 2] + m[2, 1], m[0, 2] - m[2, 0]],
+            [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[2], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
+        ]
+    )
+    quaternion: Array = products[largest] / np.linalg.norm(products[largest])
+    return quaternion
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid transform `a_T_b`.
+
+    Attributes:
+        matrix: 4x4 row-major homogeneous matrix, read-only.
+
+    Raises:
+        InvalidInput: not a rigid transform.
+    """
+
+    matrix: Array
+
+    def __post_init__(self) -> None:
+        matrix = frozen_array(self.matrix, (4, 4), "pose matrix")
+        rotation = matrix[:3, :3]
+        if (
+            np.abs(rotation @ rotation.T - np.eye(3)).max() > _ORTHONORMAL_TOLERANCE
+            or np.linalg.det(rotation) < 0
+            or np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-9
+        ):
+            raise InvalidInput(
+                "The pose matrix is not a rigid transform.",
+                "Send a 4x4 row-major matrix with a right-handed orthonormal rotation and last row 0 0 0 1.",
+            )
+        object.__setattr__(self, "matrix", matrix)
+
+    @staticmethod
+    def identity() -> Pose:
+        return Pose(np.eye(4))
+
+    @staticmethod
+    def of(rotation: ArrayLike, translation: ArrayLike) -> Pose:
+        """From a 3x3 rotation and a translation (3,), m."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = rotation
+        matrix[:3, 3] = translation
+        return Pose(matrix)
+
+    @staticmethod
+    def from_quaternion(translation: ArrayLike, xyzw: ArrayLike) -> Pose:
+        """From a translation (3,), m, and a quaternion (4,) `xyzw` of norm 1 +- 1e-3.
+
+        Raises:
+            InvalidInput: the quaternion's norm is off.
+        """
+        quaternion = frozen_array(xyzw, (4,), "rotation")
+        norm = float(np.linalg.norm(quaternion))
+        if abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE:
+            raise InvalidInput(
+                f"The rotation {quaternion.tolist()} has norm {norm:.6g}, not 1.",
+                "Send a unit quaternion in the order x, y, z, w.",
+            )
+        return Pose.of(rotation_from_quaternion(quaternion / norm), frozen_array(translation, (3,), "translation"))
+
+    @staticmethod
+    def from_rotation_vector(rotation_vector: ArrayLike, translation: ArrayLike) -> Pose:
+        """From a rotation vector (3,), rad, and a translation (3,), m."""
+        return Pose.of(rotation_from_vector(rotation_vector), translation)
+
+    @property
+    def rotation(self) -> Array:
+        """3x3."""
+        return self.matrix[:3, :3]
+
+    @property
+    def translation(self) -> Array:
+        """(3,), m."""
+        return self.matrix[:3, 3]
+
+    @property
+    def quaternion(self) -> Array:
+        """(4,) `xyzw`, unit."""
+        return quaternion_from_rotation(self.rotation)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """`a_T_b @ b_T_c` is `a_T_c`; the product is made orthonormal again."""
+        u, _, vt = np.linalg.svd(self.rotation @ other.rotation)
+        return Pose.of(u @ vt, self.rotation @ other.translation + self.translation)
+
+    def inverse(self) -> Pose:
+        return Pose.of(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def apply(self, points: ArrayLike) -> Array:
+        """Points (..., 3) in frame b, to frame a."""
+        moved: Array = np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
+        return moved
+
+    def rotate(self, vectors: ArrayLike) -> Array:
+        """Directions (..., 3) in frame b, to frame a."""
+        turned: Array = np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+        return turned
+
+    def is_close(self, other: Pose, tolerance: float = 1e-9) -> bool:
+        return bool(np.abs(self.matrix - other.matrix).max() <= tolerance)
+
+
+def interpolate(start: Pose, end: Pose, share: float) -> Pose:
+    """Straight line and slerp: `start` at share 0, `end` at share 1."""
+    turn = vector_from_rotation(start.rotation.T @ end.rotation)
+    rotation = start.rotation @ rotation_from_vector(share * turn)
+    return Pose.of(rotation, (1.0 - share) * start.translation + share * end.translation)
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """The plane of all p with normal . p = offset.
+
+    Attributes:
+        normal: (3,), unit length, away from the solid side (a table's normal points up).
+        offset: m.
+    """
+
+    normal: Array
+    offset: float
+
+    def __post_init__(self) -> None:
+        normal = frozen_array(self.normal, (3,), "plane normal")
+        norm = float(np.linalg.norm(normal))
+        if abs(norm - 1.0) > 1e-3:
+            raise InvalidInput(f"The plane normal {normal.tolist()} has norm {norm:.6g}, not 1.", "Send a unit normal.")
+        object.__setattr__(self, "normal", frozen_array(normal / norm, (3,), "plane normal"))
+        object.__setattr__(self, "offset", float(frozen_array(self.offset, (), "plane offset")))
+
+    def height(self, points: ArrayLike) -> Array:
+        """Signed distance (...,), m, of points (..., 3); positive on the normal's side."""
+        return np.asarray(np.asarray(points, dtype=np.float64) @ self.normal - self.offset, dtype=np.float64)
+
+    def moved(self, a_T_b: Pose) -> Plane:
+        """This plane, given in frame b, in frame a."""
+        normal = a_T_b.rotate(self.normal)
+        return Plane(normal, float(self.offset + normal @ a_T_b.translation))
+
+    def frame(self) -> Pose:
+        """`base_T_plane`: origin at the foot of base's origin, z along the normal, x as near to base x as can be."""
+        z = self.normal
+        x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+        x = x - z * (x @ z)
+        x = x / np.linalg.norm(x)
+        return Pose.of(np.stack([x, np.cross(z, x), z], axis=1), z * self.offset)

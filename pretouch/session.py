@@ -1,0 +1,216 @@
+"""A session as its client sees it: what it asked for, and where it stands. The REST and gRPC contracts in types."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from pretouch.camera import Camera
+from pretouch.errors import InvalidInput
+from pretouch.estimate import Estimate, Prior
+from pretouch.geometry import Array, Plane, Pose, frozen_array
+from pretouch.rectangle import RotatedRectangle
+from pretouch.tof import Sensor
+
+
+class State(StrEnum):
+    """Where a session stands; all but `AWAITING_SCAN` are ends."""
+
+    AWAITING_SCAN = "awaiting_scan"
+    CONVERGED = "converged"
+    EXHAUSTED = "exhausted"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def ended(self) -> bool:
+        return self is not State.AWAITING_SCAN
+
+
+class Proposer(StrEnum):
+    """How the detector proposes regions."""
+
+    DEEP = "deep"
+    RANDOM = "random"
+    NARF = "narf"
+    STABILITY = "stability"
+
+
+class Planner(StrEnum):
+    """How the next region is chosen: by what its scan would tell, or by the proposer's confidence."""
+
+    INFORMATION = "information"
+    CONFIDENCE = "confidence"
+
+
+def _positive(owner: Any, limits: dict[str, float]) -> None:
+    for name, limit in limits.items():
+        label = f"{type(owner).__name__.lower()}.{name}"
+        value = float(frozen_array(getattr(owner, name), (), label))
+        if not 0 < value <= limit:
+            raise InvalidInput(f"{label} is {value:g}.", f"Need a value above 0, at most {limit:g}.")
+        object.__setattr__(owner, name, value)
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Converged = the `confidence` quantile of the object's mean point error is at most `error`, m."""
+
+    error: float = 0.003
+    confidence: float = 0.95
+
+    def __post_init__(self) -> None:
+        _positive(self, {"error": 1.0, "confidence": 0.9999})
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a session may spend: scans, robot seconds (the sum of the scans' durations), share of the object scanned."""
+
+    scans: int = 10
+    seconds: float = 120.0
+    fraction: float = 0.3
+
+    def __post_init__(self) -> None:
+        if isinstance(self.scans, bool) or int(self.scans) != self.scans or not 1 <= self.scans <= 1000:
+            raise InvalidInput(f"budget.scans is {self.scans!r}.", "Need a whole number from 1 to 1000.")
+        _positive(self, {"seconds": 1e6, "fraction": 1.0})
+
+
+@dataclass(frozen=True)
+class ScanSettings:
+    """How the finger moves: `standoff` above the surface, m; never faster than `speed`, m/s."""
+
+    standoff: float = 0.03
+    speed: float = 0.05
+
+    def __post_init__(self) -> None:
+        _positive(self, {"standoff": 1.0, "speed": 10.0})
+
+
+@dataclass(frozen=True, eq=False)
+class SessionRequest:
+    """What a client asks for, without the images; see the REST contract for each member.
+
+    Raises:
+        InvalidInput: members that do not fit each other.
+    """
+
+    camera: Camera
+    base_T_camera: Pose
+    depth_scale: float = 0.001
+    roi: tuple[int, int, int, int] | None = None
+    table: Plane | None = None
+    base_T_object: Pose | None = None
+    prior: Prior = field(default_factory=Prior)
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    budget: Budget = field(default_factory=Budget)
+    sensor: Sensor = field(default_factory=Sensor)
+    scan: ScanSettings = field(default_factory=ScanSettings)
+    proposer: Proposer | None = None
+    planner: Planner = Planner.INFORMATION
+
+    def __post_init__(self) -> None:
+        _positive(self, {"depth_scale": 1000.0})
+        if self.roi is not None:
+            u0, v0, u1, v1 = self.roi
+            if not (0 <= u0 < u1 and 0 <= v0 < v1):
+                raise InvalidInput(
+                    f"roi is {list(self.roi)}.", "Need [u0, v0, u1, v1] with 0 <= u0 < u1 and 0 <= v0 < v1."
+                )
+        if not self.sensor.range_min < self.scan.standoff < self.sensor.range_max:
+            raise InvalidInput(
+                f"scan.standoff is {self.scan.standoff:g} m, outside the sensor's range of "
+                f"{self.sensor.range_min:g} to {self.sensor.range_max:g} m.",
+                "Choose a standoff at which the sensor can see the surface.",
+            )
+
+
+@dataclass(frozen=True)
+class Region:
+    """A rectangle worth scanning.
+
+    Attributes:
+        confidence: the proposer's own score in [0, 1].
+        expected_error: m, what the estimate's expected error would become if this region were scanned next.
+    """
+
+    id: str
+    rectangle: RotatedRectangle
+    confidence: float
+    expected_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class ScanPlan:
+    """A path for the fingertip: straight lines and slerp between waypoints, first and last reached from above.
+
+    Attributes:
+        t: (n,) s from 0, strictly increasing.
+        base_T_tip: (n, 4, 4).
+        length: m travelled by the tip.
+        duration: s.
+    """
+
+    scan_id: str
+    region_id: str
+    t: Array
+    base_T_tip: Array
+    length: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        t = frozen_array(self.t, (None,), "waypoints.t")
+        poses = frozen_array(self.base_T_tip, (len(t), 4, 4), "waypoints.base_T_tip")
+        if len(t) < 2 or t[0] != 0 or (np.diff(t) <= 0).any():
+            raise InvalidInput("A plan needs two waypoints or more, from t = 0, strictly increasing.", "Mend the plan.")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "base_T_tip", poses)
+
+
+@dataclass(frozen=True)
+class ScanSummary:
+    """A scan that was used: `returns` of `samples` came back; `expected_error`, m, after it."""
+
+    scan_id: str
+    region_id: str
+    samples: int
+    returns: int
+    length: float
+    duration: float
+    expected_error: float
+
+
+@dataclass(frozen=True)
+class BudgetUsed:
+    """Spent so far, in the units of `Budget`."""
+
+    scans: int = 0
+    seconds: float = 0.0
+    fraction: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Where a session stands.
+
+    Attributes:
+        base_T_object: the corrected object pose, if the client gave one to correct.
+        next_scan: None when there is none.
+        reason: a problem document, only when `FAILED`.
+    """
+
+    id: str
+    state: State
+    proposer: Proposer
+    planner: Planner
+    regions: tuple[Region, ...]
+    estimate: Estimate
+    next_scan: ScanPlan | None = None
+    scans: tuple[ScanSummary, ...] = ()
+    budget_used: BudgetUsed = field(default_factory=BudgetUsed)
+    base_T_object: Pose | None = None
+    reason: dict[str, Any] | None = None
