@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-import numpy as np
-
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput
 from pretouch.estimate import Estimate, Prior
 from pretouch.geometry import Array, Plane, Pose, frozen_array
 from pretouch.rectangle import RotatedRectangle
-from pretouch.tof import Sensor
+from pretouch.tof import RangeSamples, Sensor
+from pretouch.trajectory import Trajectory
 
 
 class State(StrEnum):
@@ -146,29 +145,43 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class ScanPlan:
-    """A path for the fingertip: straight lines and slerp between waypoints, first and last reached from above.
-
-    Attributes:
-        t: (n,) s from 0, strictly increasing.
-        base_T_tip: (n, 4, 4).
-        length: m travelled by the tip.
-        duration: s.
-    """
+    """What the fingertip is asked to do; the path's time starts at 0, its first and last pose are reached from above."""
 
     scan_id: str
     region_id: str
-    t: Array
-    base_T_tip: Array
-    length: float
-    duration: float
+    path: Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """A scan as points (n, 3), m, in base, from a robot that computes them itself."""
+
+    points: Array
+
+
+@dataclass(frozen=True)
+class GatewaySpan:
+    """A scan as a span of samples that the gateway holds; times in s since the Unix epoch on the gateway's clock."""
+
+    device: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class Skipped:
+    """A scan that could not be made, with the samples taken so far."""
+
+    samples: RangeSamples | None = None
+    reason: str = "unreachable"
 
     def __post_init__(self) -> None:
-        t = frozen_array(self.t, (None,), "waypoints.t")
-        poses = frozen_array(self.base_T_tip, (len(t), 4, 4), "waypoints.base_T_tip")
-        if len(t) < 2 or t[0] != 0 or (np.diff(t) <= 0).any():
-            raise InvalidInput("A plan needs two waypoints or more, from t = 0, strictly increasing.", "Mend the plan.")
-        object.__setattr__(self, "t", t)
-        object.__setattr__(self, "base_T_tip", poses)
+        if self.reason != "unreachable":
+            raise InvalidInput(f"skipped is {self.reason!r}.", 'The only reason known is "unreachable".')
+
+
+Submission = RangeSamples | Points | GatewaySpan | Skipped
+"""What a client can say of a planned scan."""
 
 
 @dataclass(frozen=True)

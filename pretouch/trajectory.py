@@ -1,0 +1,74 @@
+"""A timed path of the fingertip: straight lines and slerp between waypoints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pretouch.errors import InvalidInput
+from pretouch.geometry import Array, frozen_array, rotation_from_vector, vector_from_rotation
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Timed tip poses.
+
+    Attributes:
+        t: (n,) s, strictly increasing, n >= 1.
+        base_T_tip: (n, 4, 4).
+    """
+
+    t: Array
+    base_T_tip: Array
+
+    def __post_init__(self) -> None:
+        t = frozen_array(self.t, (None,), "waypoints.t")
+        poses = frozen_array(self.base_T_tip, (len(t), 4, 4), "waypoints.base_T_tip")
+        if len(t) == 0 or (np.diff(t) <= 0).any():
+            raise InvalidInput("The waypoints' times do not increase strictly.", "Send one waypoint or more, in order.")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "base_T_tip", poses)
+
+    @property
+    def duration(self) -> float:
+        """s from the first to the last waypoint."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def length(self) -> float:
+        """m travelled by the tip's origin."""
+        return float(np.linalg.norm(np.diff(self.base_T_tip[:, :3, 3], axis=0), axis=1).sum())
+
+    def at(self, times: ArrayLike) -> Array:
+        """Tip poses (m, 4, 4) at times (m,), s, interpolated.
+
+        Raises:
+            InvalidInput: a time outside the trajectory: it is not extrapolated.
+        """
+        wanted = frozen_array(times, (None,), "times")
+        if len(wanted) and (wanted.min() < self.t[0] or wanted.max() > self.t[-1]):
+            raise InvalidInput(
+                f"Times {wanted.min():.6f} to {wanted.max():.6f} s leave the trajectory's "
+                f"{self.t[0]:.6f} to {self.t[-1]:.6f} s.",
+                "Give tip poses that cover the samples' times.",
+            )
+        after = np.clip(np.searchsorted(self.t, wanted, side="right"), 1, max(1, len(self.t) - 1))
+        poses = np.tile(np.eye(4), (len(wanted), 1, 1))
+        for k, (time, end) in enumerate(zip(wanted, after, strict=True)):
+            if len(self.t) == 1:
+                poses[k] = self.base_T_tip[0]
+                continue
+            share = (time - self.t[end - 1]) / (self.t[end] - self.t[end - 1])
+            a, b = self.base_T_tip[end - 1], self.base_T_tip[end]
+            turn = vector_from_rotation(a[:3, :3].T @ b[:3, :3])
+            poses[k, :3, :3] = a[:3, :3] @ rotation_from_vector(share * turn)
+            poses[k, :3, 3] = (1.0 - share) * a[:3, 3] + share * b[:3, 3]
+        return poses
+
+    def sampled(self, rate: float) -> Trajectory:
+        """The same path with a waypoint every 1 / `rate` seconds from its start."""
+        times = self.t[0] + np.arange(int(np.floor(self.duration * rate + 1e-9)) + 1) / rate
+        times = np.minimum(times, self.t[-1])
+        return Trajectory(times, self.at(times))

@@ -1,0 +1,62 @@
+"""All that is known of one session: what the store keeps and the state machine changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from pretouch.estimate import Estimate
+from pretouch.geometry import Pose
+from pretouch.scene import Scene
+from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, Session, SessionRequest, State
+from pretouch.tof import Scan
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One session.
+
+    Attributes:
+        created: s since the Unix epoch.
+        scene: the part of the client's view that the services need.
+        origin: first pixel (u0, v0) of `scene` in the client's image; `regions` are in the client's pixels.
+        measured: the beams of each scan in `scans`, in the same order.
+        skipped: ids of regions that could not be reached.
+        answered: ids of scans that a client has answered for, used or skipped.
+    """
+
+    id: str
+    created: float
+    request: SessionRequest
+    scene: Scene
+    origin: tuple[int, int]
+    proposer: Proposer
+    regions: tuple[Region, ...]
+    estimate: Estimate
+    state: State = State.AWAITING_SCAN
+    next_scan: ScanPlan | None = None
+    scans: tuple[ScanSummary, ...] = ()
+    measured: tuple[Scan, ...] = ()
+    skipped: tuple[str, ...] = ()
+    answered: tuple[str, ...] = ()
+    budget_used: BudgetUsed = field(default_factory=BudgetUsed)
+    reason: dict[str, Any] | None = None
+
+    def view(self) -> Session:
+        """What the client sees."""
+        base_T_object: Pose | None = None
+        if self.request.base_T_object is not None:
+            base_T_object = self.estimate.base_T_correction @ self.request.base_T_object
+        return Session(
+            id=self.id,
+            state=self.state,
+            proposer=self.proposer,
+            planner=self.request.planner,
+            regions=self.regions,
+            estimate=self.estimate,
+            next_scan=self.next_scan,
+            scans=self.scans,
+            budget_used=self.budget_used,
+            base_T_object=base_T_object,
+            reason=self.reason,
+        )
