@@ -145,7 +145,7 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class ScanPlan:
-    """What the fingertip is asked to do; the path's time starts at 0, its first and last pose are reached from above."""
+    """A path for the fingertip; its time starts at 0, its first and last pose are reached from above."""
 
     scan_id: str
     region_id: str
