@@ -7,11 +7,11 @@ from enum import StrEnum
 from typing import Any
 
 from pretouch.camera import Camera
-from pretouch.errors import InvalidInput
+from pretouch.errors import InvalidInput, TooLarge
 from pretouch.estimate import Estimate, Prior
 from pretouch.geometry import Array, Plane, Pose, frozen_array
 from pretouch.rectangle import RotatedRectangle
-from pretouch.tof import RangeSamples, Sensor
+from pretouch.tof import MAX_SAMPLES, RangeSamples, Sensor
 from pretouch.trajectory import Trajectory
 
 
@@ -45,9 +45,9 @@ class Planner(StrEnum):
     CONFIDENCE = "confidence"
 
 
-def _positive(owner: Any, limits: dict[str, float]) -> None:
+def _positive(owner: Any, member: str, limits: dict[str, float]) -> None:
     for name, limit in limits.items():
-        label = f"{type(owner).__name__.lower()}.{name}"
+        label = f"{member}.{name}"
         value = float(frozen_array(getattr(owner, name), (), label))
         if not 0 < value <= limit:
             raise InvalidInput(f"{label} is {value:g}.", f"Need a value above 0, at most {limit:g}.")
@@ -62,7 +62,7 @@ class Tolerance:
     confidence: float = 0.95
 
     def __post_init__(self) -> None:
-        _positive(self, {"error": 1.0, "confidence": 0.9999})
+        _positive(self, "tolerance", {"error": 1.0, "confidence": 0.9999})
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Budget:
     def __post_init__(self) -> None:
         if isinstance(self.scans, bool) or int(self.scans) != self.scans or not 1 <= self.scans <= 1000:
             raise InvalidInput(f"budget.scans is {self.scans!r}.", "Need a whole number from 1 to 1000.")
-        _positive(self, {"seconds": 1e6, "fraction": 1.0})
+        _positive(self, "budget", {"seconds": 1e6, "fraction": 1.0})
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class ScanSettings:
     speed: float = 0.05
 
     def __post_init__(self) -> None:
-        _positive(self, {"standoff": 1.0, "speed": 10.0})
+        _positive(self, "scan", {"standoff": 1.0, "speed": 10.0})
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class SessionRequest:
     planner: Planner = Planner.INFORMATION
 
     def __post_init__(self) -> None:
-        _positive(self, {"depth_scale": 1000.0})
+        _positive(self, "camera", {"depth_scale": 1000.0})
         if self.roi is not None:
             u0, v0, u1, v1 = self.roi
             if not (0 <= u0 < u1 and 0 <= v0 < v1):
@@ -154,9 +154,19 @@ class ScanPlan:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """A scan as points (n, 3), m, in base, from a robot that computes them itself."""
+    """A scan as points (n, 3), m, in base, from a robot that computes them itself.
+
+    Raises:
+        Malformed, InvalidInput, TooLarge: see the message.
+    """
 
     points: Array
+
+    def __post_init__(self) -> None:
+        points = frozen_array(self.points, (None, 3), "points")
+        if len(points) > MAX_SAMPLES:
+            raise TooLarge(f"The scan has {len(points)} points; the limit is {MAX_SAMPLES}.", "Thin out the scan.")
+        object.__setattr__(self, "points", points)
 
 
 @dataclass(frozen=True)
@@ -166,6 +176,15 @@ class GatewaySpan:
     device: str
     start: float
     end: float
+
+    def __post_init__(self) -> None:
+        for name, label in {"start": "from", "end": "to"}.items():
+            object.__setattr__(self, name, float(frozen_array(getattr(self, name), (), f"gateway.{label}")))
+        if self.end <= self.start:
+            raise InvalidInput(
+                f"gateway.to is {self.end:f}, not after gateway.from, {self.start:f}.",
+                "Send the times of the scan's start and end.",
+            )
 
 
 @dataclass(frozen=True, eq=False)

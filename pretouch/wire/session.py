@@ -1,0 +1,296 @@
+"""Domain types <-> the messages of orchestrator.proto. `x_to_proto` packs, `x_from_proto` unpacks and validates."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.errors import InvalidInput
+from pretouch.session import (
+    Budget,
+    BudgetUsed,
+    GatewaySpan,
+    Planner,
+    Points,
+    Proposer,
+    Region,
+    ScanPlan,
+    ScanSettings,
+    ScanSummary,
+    Session,
+    SessionRequest,
+    Skipped,
+    State,
+    Submission,
+    Tolerance,
+)
+from pretouch.tof import RangeSamples
+from pretouch.trajectory import Trajectory
+from pretouch.v1 import common_pb2, orchestrator_pb2
+from pretouch.wire import common
+from pretouch.wire.reader import at
+
+pb = orchestrator_pb2
+
+_STATES = {
+    State.AWAITING_SCAN: pb.SESSION_STATE_AWAITING_SCAN,
+    State.CONVERGED: pb.SESSION_STATE_CONVERGED,
+    State.EXHAUSTED: pb.SESSION_STATE_EXHAUSTED,
+    State.FAILED: pb.SESSION_STATE_FAILED,
+    State.CANCELLED: pb.SESSION_STATE_CANCELLED,
+}
+_Choice = TypeVar("_Choice", bound=StrEnum)
+
+
+def request_to_proto(
+    request: SessionRequest,
+    depth: NDArray[np.generic],
+    mask: NDArray[np.generic] | None = None,
+    idempotency_key: str = "",
+) -> pb.CreateSessionRequest:
+    """Packs `request` with stored depth values (h, w), uint16 or float32, and a mask (h, w), non-zero on the object."""
+    message = pb.CreateSessionRequest(
+        camera=common.camera_to_proto(request.camera),
+        depth_scale=request.depth_scale,
+        base_t_camera=common.pose_to_proto(request.base_T_camera),
+        depth=common.array_to_proto(depth, "u2" if depth.dtype == np.uint16 else "f4"),
+        prior=common.prior_to_proto(request.prior),
+        tolerance=pb.Tolerance(error=request.tolerance.error, confidence=request.tolerance.confidence),
+        budget=pb.Budget(scans=request.budget.scans, seconds=request.budget.seconds, fraction=request.budget.fraction),
+        sensor=common.sensor_to_proto(request.sensor),
+        scan=pb.ScanSettings(standoff=request.scan.standoff, speed=request.scan.speed),
+        proposer=request.proposer or "",
+        planner=request.planner,
+        idempotency_key=idempotency_key,
+    )
+    if mask is not None:
+        message.mask.CopyFrom(common.array_to_proto(np.asarray(mask) != 0, "u1"))
+    if request.roi is not None:
+        u0, v0, u1, v1 = request.roi
+        message.roi.CopyFrom(pb.Roi(u0=u0, v0=v0, u1=u1, v1=v1))
+    if request.table is not None:
+        message.table.CopyFrom(common.plane_to_proto(request.table))
+    if request.base_T_object is not None:
+        message.base_t_object.CopyFrom(common.pose_to_proto(request.base_T_object))
+    return message
+
+
+def request_from_proto(
+    message: pb.CreateSessionRequest,
+) -> tuple[SessionRequest, NDArray[np.generic], NDArray[np.bool_] | None]:
+    """The request, stored depth values (h, w) and the mask (h, w), if any; numbers left out take their defaults.
+
+    Raises:
+        InvalidInput: a missing member, or a value out of its limits.
+        Malformed: a number that is not finite.
+    """
+    for name in ("camera", "base_t_camera", "depth"):
+        if not message.HasField(name):
+            raise InvalidInput(f"{name} is missing.", f"Send {name}.")
+    given: dict[str, Any] = {}
+    if message.HasField("depth_scale"):
+        given["depth_scale"] = message.depth_scale
+    if message.HasField("roi"):
+        given["roi"] = (message.roi.u0, message.roi.v0, message.roi.u1, message.roi.v1)
+    if message.HasField("table"):
+        with at("table"):
+            given["table"] = common.plane_from_proto(message.table)
+    if message.HasField("base_t_object"):
+        with at("base_t_object"):
+            given["base_T_object"] = common.pose_from_proto(message.base_t_object, "base_t_object")
+    if message.proposer:
+        given["proposer"] = _choice(message.proposer, "proposer", Proposer)
+    if message.planner:
+        given["planner"] = _choice(message.planner, "planner", Planner)
+    with at("base_t_camera"):
+        base_T_camera = common.pose_from_proto(message.base_t_camera, "base_t_camera")
+    request = SessionRequest(
+        camera=common.camera_from_proto(message.camera),
+        base_T_camera=base_T_camera,
+        prior=common.prior_from_proto(message.prior),
+        tolerance=Tolerance(**_set_fields(message.tolerance)),
+        budget=Budget(**_set_fields(message.budget)),
+        sensor=common.sensor_from_proto(message.sensor),
+        scan=ScanSettings(**_set_fields(message.scan)),
+        **given,
+    )
+    depth = common.array_from_proto(message.depth, "depth")
+    mask = common.array_from_proto(message.mask, "mask") != 0 if message.HasField("mask") else None
+    return request, depth, mask
+
+
+def _set_fields(message: pb.Tolerance | pb.Budget | pb.ScanSettings) -> dict[str, Any]:
+    return {field.name: value for field, value in message.ListFields()}
+
+
+def _choice(value: str, name: str, kind: type[_Choice]) -> _Choice:
+    if value not in list(kind):
+        raise InvalidInput(f"{name} is {value!r:.60}.", f"Choose {', '.join(kind)}.")
+    return kind(value)
+
+
+def scan_plan_to_proto(plan: ScanPlan) -> pb.ScanPlan:
+    return pb.ScanPlan(
+        scan_id=plan.scan_id,
+        region_id=plan.region_id,
+        t=common.array_to_proto(plan.path.t, "f8"),
+        base_t_tip=common.array_to_proto(plan.path.base_T_tip, "f8"),
+        length=plan.path.length,
+        duration=plan.path.duration,
+    )
+
+
+def scan_plan_from_proto(message: pb.ScanPlan) -> ScanPlan:
+    path = Trajectory(
+        common.array_from_proto(message.t, "next_scan.t"),
+        common.array_from_proto(message.base_t_tip, "next_scan.base_t_tip"),
+    )
+    return ScanPlan(message.scan_id, message.region_id, path)
+
+
+def session_to_proto(session: Session) -> pb.Session:
+    """The session as every call answers it."""
+    message = pb.Session(
+        id=session.id,
+        state=_STATES[session.state],
+        reason="" if session.reason is None else json.dumps(session.reason),
+        proposer=session.proposer,
+        planner=session.planner,
+        regions=[
+            pb.Region(
+                id=region.id,
+                rectangle=common.rectangle_to_proto(region.rectangle),
+                confidence=region.confidence,
+                expected_error=region.expected_error,
+            )
+            for region in session.regions
+        ],
+        estimate=common.estimate_to_proto(session.estimate),
+        scans=[
+            pb.ScanSummary(
+                scan_id=scan.scan_id,
+                region_id=scan.region_id,
+                samples=scan.samples,
+                returns=scan.returns,
+                length=scan.length,
+                duration=scan.duration,
+                expected_error=scan.expected_error,
+            )
+            for scan in session.scans
+        ],
+        budget_used=pb.BudgetUsed(
+            scans=session.budget_used.scans,
+            seconds=session.budget_used.seconds,
+            fraction=session.budget_used.fraction,
+        ),
+    )
+    if session.next_scan is not None:
+        message.next_scan.CopyFrom(scan_plan_to_proto(session.next_scan))
+    if session.base_T_object is not None:
+        message.base_t_object.CopyFrom(common.pose_to_proto(session.base_T_object))
+    return message
+
+
+def session_from_proto(message: pb.Session) -> Session:
+    """Reads what `session_to_proto` writes.
+
+    Raises:
+        InvalidInput: not a session; nothing that a client sent.
+    """
+    states = {number: state for state, number in _STATES.items()}
+    if message.state not in states:
+        raise InvalidInput(f"The session's state is {message.state}.", "Use a client as new as the service.")
+    return Session(
+        id=message.id,
+        state=states[message.state],
+        proposer=_choice(message.proposer, "proposer", Proposer),
+        planner=_choice(message.planner, "planner", Planner),
+        regions=tuple(
+            Region(
+                region.id,
+                common.rectangle_from_proto(region.rectangle),
+                region.confidence,
+                region.expected_error,
+            )
+            for region in message.regions
+        ),
+        estimate=common.estimate_from_proto(message.estimate),
+        next_scan=scan_plan_from_proto(message.next_scan) if message.HasField("next_scan") else None,
+        scans=tuple(
+            ScanSummary(
+                scan_id=scan.scan_id,
+                region_id=scan.region_id,
+                samples=scan.samples,
+                returns=scan.returns,
+                length=scan.length,
+                duration=scan.duration,
+                expected_error=scan.expected_error,
+            )
+            for scan in message.scans
+        ),
+        budget_used=BudgetUsed(message.budget_used.scans, message.budget_used.seconds, message.budget_used.fraction),
+        base_T_object=common.pose_from_proto(message.base_t_object, "base_t_object")
+        if message.HasField("base_t_object")
+        else None,
+        reason=json.loads(message.reason) if message.reason else None,
+    )
+
+
+def submission_to_proto(session_id: str, scan_id: str, submission: Submission) -> pb.SubmitScanRequest:
+    message = pb.SubmitScanRequest(session_id=session_id, scan_id=scan_id)
+    match submission:
+        case RangeSamples():
+            message.samples.CopyFrom(common.samples_to_proto(submission))
+        case Points():
+            message.points.points.CopyFrom(common.array_to_proto(submission.points, "f8"))
+        case GatewaySpan():
+            # "from" is a Python keyword, so this message's fields go in by name.
+            span: dict[str, Any] = {"device": submission.device, "from": submission.start, "to": submission.end}
+            message.gateway.CopyFrom(pb.GatewaySpan(**span))
+        case Skipped():
+            taken = None if submission.samples is None else common.samples_to_proto(submission.samples)
+            message.skipped.CopyFrom(pb.Skipped(reason=submission.reason, samples=taken))
+    return message
+
+
+def submission_from_proto(message: pb.SubmitScanRequest) -> Submission:
+    """Reads what `submission_to_proto` writes.
+
+    Raises:
+        InvalidInput: no result, an empty scan, or values that do not fit.
+        Malformed: a number that is not finite.
+        TooLarge: more than MAX_SAMPLES samples or points.
+    """
+    match message.WhichOneof("result"):
+        case "samples":
+            return _samples(message.samples, empty=False)
+        case "points":
+            points = common.array_from_proto(message.points.points, "points")
+            _refuse_empty(len(points) if points.ndim else 0, "points")
+            return Points(points)
+        case "gateway":
+            return GatewaySpan(message.gateway.device, getattr(message.gateway, "from"), message.gateway.to)
+        case "skipped":
+            taken = _samples(message.skipped.samples, empty=True) if message.skipped.HasField("samples") else None
+            return Skipped(taken, message.skipped.reason)
+        case _:
+            raise InvalidInput("The scan has no result.", "Send one of samples, points, gateway or skipped.")
+
+
+def _samples(message: common_pb2.Samples, *, empty: bool) -> RangeSamples:
+    for name in ("status", "module"):
+        if getattr(message, name).type != common_pb2.SCALAR_TYPE_UINT8:
+            raise InvalidInput(f"samples.{name} is not packed as UINT8.", f"Send samples.{name} as UINT8.")
+    samples = common.samples_from_proto(message)
+    if not empty:
+        _refuse_empty(len(samples), "samples")
+    return samples
+
+
+def _refuse_empty(count: int, name: str) -> None:
+    if count == 0:
+        raise InvalidInput(f"{name} is empty.", "Send what the sensor gave, misses too, or skip the scan.")
