@@ -108,6 +108,17 @@ def quaternion_from_rotation(rotation: ArrayLike) -> Array:
     return quaternion
 
 
+def is_rigid(matrices: Array) -> NDArray[np.bool_]:
+    """(...,) True where a matrix (..., 4, 4) is a right-handed rotation and translation with last row 0 0 0 1."""
+    rotations = matrices[..., :3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        gram = rotations @ np.swapaxes(rotations, -1, -2)
+        orthonormal = np.abs(gram - np.eye(3)).max(axis=(-1, -2)) <= _ORTHONORMAL_TOLERANCE
+        right_handed = np.linalg.det(rotations) > 0
+    last_row = np.abs(matrices[..., 3, :] - (0, 0, 0, 1)).max(axis=-1) <= 1e-9
+    return np.asarray(orthonormal & right_handed & last_row)
+
+
 @dataclass(frozen=True, eq=False)
 class Pose:
     """A rigid transform `a_T_b`.
@@ -123,12 +134,7 @@ class Pose:
 
     def __post_init__(self) -> None:
         matrix = frozen_array(self.matrix, (4, 4), "pose matrix")
-        rotation = matrix[:3, :3]
-        if (
-            np.abs(rotation @ rotation.T - np.eye(3)).max() > _ORTHONORMAL_TOLERANCE
-            or np.linalg.det(rotation) < 0
-            or np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-9
-        ):
+        if not is_rigid(matrix):
             raise InvalidInput(
                 "The pose matrix is not a rigid transform.",
                 "Send a 4x4 row-major matrix with a right-handed orthonormal rotation and last row 0 0 0 1.",

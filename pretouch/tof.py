@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pretouch.errors import InvalidInput, Malformed, TooLarge
-from pretouch.geometry import Array, Pose, frozen_array
+from pretouch.geometry import Array, Pose, frozen_array, is_rigid
 
 MAX_SAMPLES = 20_000
 STATUS_OK = 0
@@ -90,11 +90,20 @@ class RangeSamples:
                 "Send the samples in the order of time.",
             )
         poses = frozen_array(self.base_T_tip, (n, 4, 4), "samples.base_T_tip")
+        crooked = np.flatnonzero(~is_rigid(poses))
+        if len(crooked):
+            raise InvalidInput(
+                f"samples[{crooked[0]}].base_T_tip is not a rigid transform.", "Send the tip's pose in base."
+            )
         ranges = np.array(self.range, dtype=np.float64)
         if ranges.shape != (n,) or np.isinf(ranges).any():
             raise Malformed("samples.range is not one finite number or null a sample.", "Send null for no return.")
-        if (ranges < 0).any():
-            raise InvalidInput("A sample's range is negative.", "Send ranges in metres along the beam, or null.")
+        negative = np.flatnonzero(ranges < 0)
+        if len(negative):
+            raise InvalidInput(
+                f"samples[{negative[0]}].range is {ranges[negative[0]]:g}.",
+                "Send ranges in metres along the beam, or null.",
+            )
         arrays: dict[str, NDArray[Any]] = {"t": t, "base_T_tip": poses, "range": ranges}
         for name in ("status", "module"):
             codes = np.array(getattr(self, name), dtype=np.int64)
