@@ -1,0 +1,58 @@
+"""A service as a process of its own: its logs and its signals."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+
+from pretouch.serving.logs import configure_logs
+from pretouch.serving.server import Running, started
+from pretouch.serving.settings import Settings
+
+
+async def serve(name: str, running: Running, settings: Settings, *, until_stdin_closes: bool = False) -> None:
+    """Serves `running` until SIGTERM or SIGINT, and drains; a second signal ends it at once.
+
+    Logs one line with the event `ready` and the bound ports. `until_stdin_closes` ends it too when standard input
+    does, so that it cannot outlive the process that holds the other end.
+
+    Raises:
+        InvalidInput: TLS material that cannot be used.
+        Unavailable: a port cannot be bound.
+    """
+    configure_logs(name, settings.log_level)
+    task = asyncio.current_task()
+    assert task is not None
+    warm = False
+    told = asyncio.Event()
+
+    def stop() -> None:
+        if told.is_set() or not warm:
+            task.cancel()
+        told.set()
+
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop)
+    if until_stdin_closes:
+
+        def on_stdin() -> None:
+            if not os.read(sys.stdin.fileno(), 4096):
+                loop.remove_reader(sys.stdin.fileno())
+                stop()
+
+        loop.add_reader(sys.stdin.fileno(), on_stdin)
+    try:
+        async with started(name, running, settings) as service:
+            warm = True
+            service.kit.log.info(
+                "ready", host=settings.host, port=service.port, metrics_port=service.metrics_port, pid=os.getpid()
+            )
+            await told.wait()
+            service.kit.log.info("stopping")
+    except asyncio.CancelledError:
+        if not told.is_set():
+            raise
+        task.uncancel()

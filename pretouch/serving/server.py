@@ -1,0 +1,138 @@
+"""A service's gRPC server from its start to its last answer."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterable
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
+from typing import Any, cast
+
+import grpc
+import grpc.aio
+from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection
+
+from pretouch.channel import MESSAGE_LIMITS
+from pretouch.errors import Unavailable
+from pretouch.serving.calls import Calls
+from pretouch.serving.gate import Gate
+from pretouch.serving.kit import Kit
+from pretouch.serving.metrics import MetricsServer
+from pretouch.serving.settings import Settings
+from pretouch.tls import server_credentials
+
+Running = Callable[[grpc.aio.Server, Kit], AbstractAsyncContextManager[tuple[str, ...]]]
+"""A service: registers its servicers, warms up, yields their full names, and closes what it opened."""
+
+_OPTIONS = (
+    *MESSAGE_LIMITS,
+    ("grpc.so_reuseport", 0),  # a second server on the same port fails instead of taking half of the calls
+    ("grpc.keepalive_time_ms", 60_000),  # finds out that the other end of a quiet stream is gone
+    ("grpc.keepalive_timeout_ms", 20_000),
+)
+_SERVING = health_pb2.HealthCheckResponse.SERVING
+_NOT_SERVING = health_pb2.HealthCheckResponse.NOT_SERVING
+
+
+@dataclass(frozen=True)
+class Started:
+    """A service that serves."""
+
+    kit: Kit
+    port: int
+    """The bound gRPC port."""
+    metrics_port: int | None
+    """The bound port of the metrics, None where they are off."""
+
+
+class _Registry(grpc.GenericRpcHandler):  # type: ignore[misc]
+    """Takes servicers while the server already runs, so that health is answered during the warm-up."""
+
+    def __init__(self) -> None:
+        self._handlers: list[Any] = []
+
+    def add_generic_rpc_handlers(self, handlers: Iterable[Any]) -> None:
+        self._handlers.extend(handlers)
+
+    def add_registered_method_handlers(self, service: str, handlers: dict[str, Any]) -> None:
+        """Generated code gives the same methods as generic handlers too."""
+
+    def service(self, details: grpc.HandlerCallDetails) -> Any:
+        return next((found for handler in self._handlers if (found := handler.service(details)) is not None), None)
+
+
+@asynccontextmanager
+async def started(name: str, running: Running, settings: Settings) -> AsyncIterator[Started]:
+    """Serves `running` for as long as the block lasts, then drains: calls under way get `settings.grace` to end.
+
+    The health service says SERVING between warm-up and drain, for the server ("") and each service by name.
+
+    Raises:
+        InvalidInput: TLS material that cannot be used.
+        Unavailable: a port cannot be bound.
+    """
+    async with AsyncExitStack() as stack:
+        kit = Kit(name, settings)
+        stack.callback(kit.close)
+        gate = Gate(settings.token)
+        registry = _Registry()
+        server = grpc.aio.server(handlers=(registry,), interceptors=(Calls(kit, gate),), options=_OPTIONS)
+        statuses = health.aio.HealthServicer()
+        await statuses.set("", _NOT_SERVING)
+        health_pb2_grpc.add_HealthServicer_to_server(statuses, server)
+        port = _bind(server, settings)
+        metrics_port = _serve_metrics(stack, kit, settings)
+        if not settings.loopback:
+            kit.log.warning(
+                "reachable from other machines",
+                host=settings.host,
+                token=settings.token is not None,
+                tls=settings.tls_cert is not None,
+            )
+        stack.push_async_callback(server.stop, None)
+        await server.start()
+        services = await stack.enter_async_context(running(cast(grpc.aio.Server, registry), kit))
+        reflection.enable_server_reflection((*services, health.SERVICE_NAME, reflection.SERVICE_NAME), registry)
+        gate.open()
+        for service in ("", *services):
+            await statuses.set(service, _SERVING)
+        try:
+            yield Started(kit, port, metrics_port)
+        finally:
+            await statuses.enter_graceful_shutdown()
+            gate.close()
+            kit.draining.set()
+            await gate.emptied(settings.grace)
+            await server.stop(None)
+
+
+def _bind(server: grpc.aio.Server, settings: Settings) -> int:
+    address = settings.address(settings.port)
+    credentials = None
+    if settings.tls_cert is not None and settings.tls_key is not None:
+        credentials = server_credentials(settings.tls_cert, settings.tls_key, settings.tls_client_ca)
+    try:
+        if credentials is None:
+            return int(server.add_insecure_port(address))
+        return int(server.add_secure_port(address, credentials))
+    except RuntimeError as error:
+        raise _taken(address) from error
+
+
+def _serve_metrics(stack: AsyncExitStack, kit: Kit, settings: Settings) -> int | None:
+    if settings.metrics_port is None:
+        return None
+    try:
+        server = MetricsServer(kit.metrics, settings.host, settings.metrics_port)
+    except OSError as error:
+        raise _taken(settings.address(settings.metrics_port)) from error
+    stack.push_async_callback(asyncio.to_thread, server.close)
+    return server.port
+
+
+def _taken(address: str) -> Unavailable:
+    return Unavailable(
+        f"The service cannot listen on {address}.",
+        "Choose a free port and an address of this machine; another service may already run there.",
+    )

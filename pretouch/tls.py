@@ -1,0 +1,60 @@
+"""TLS material, read and checked before gRPC sees it, because gRPC's own message says only "failed to bind"."""
+
+from __future__ import annotations
+
+import ssl
+from pathlib import Path
+
+import grpc
+
+from pretouch.errors import InvalidInput
+
+
+def server_credentials(cert: Path, key: Path, client_ca: Path | None) -> grpc.ServerCredentials:
+    """A server's credentials; with `client_ca` every client must show a certificate that this authority signed.
+
+    Raises:
+        InvalidInput: a file cannot be used.
+    """
+    return grpc.ssl_server_credentials(
+        [_pair(cert, key)],
+        root_certificates=None if client_ca is None else _authority(client_ca),
+        require_client_auth=client_ca is not None,
+    )
+
+
+def channel_credentials(ca: Path, cert: Path | None, key: Path | None) -> grpc.ChannelCredentials:
+    """A client's credentials: it trusts `ca` alone, and shows `cert` where the server asks for one.
+
+    Raises:
+        InvalidInput: a file cannot be used, or there is a certificate or a key but not both.
+    """
+    if cert is None and key is None:
+        return grpc.ssl_channel_credentials(_authority(ca))
+    if cert is None or key is None:
+        raise InvalidInput("There is a client certificate or its key, but not both.", "Give both, or neither.")
+    chain = _pair(cert, key)
+    return grpc.ssl_channel_credentials(_authority(ca), *chain)
+
+
+def _pair(cert: Path, key: Path) -> tuple[bytes, bytes]:
+    """The PEM bytes of a key and of its certificate chain, in gRPC's order."""
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key, password=lambda: b"")
+        return key.read_bytes(), cert.read_bytes()
+    except (OSError, ssl.SSLError) as error:
+        raise InvalidInput(
+            f"The certificate {cert} with the key {key} cannot be used: {error}.",
+            "Give a PEM certificate and its own unencrypted PEM key, both readable for this user.",
+        ) from error
+
+
+def _authority(path: Path) -> bytes:
+    """The PEM bytes of the authorities to trust."""
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(path)
+        return path.read_bytes()
+    except (OSError, ssl.SSLError) as error:
+        raise InvalidInput(
+            f"The certificate authority {path} cannot be used: {error}.", "Give a readable PEM file of certificates."
+        ) from error
