@@ -83,7 +83,7 @@ class Calls(grpc.aio.ServerInterceptor):  # type: ignore[misc]
                 code = grpc.StatusCode.CANCELLED
                 raise
             except grpc.aio.AbortError:
-                code = _CODES[context.code()]
+                code = context.code()
                 raise
             except Exception as caught:
                 error = self._known(method, caught)
@@ -137,6 +137,3 @@ async def _abort(context: grpc.aio.ServicerContext, error: PretouchError) -> Non
 
 def _shortened(text: str, length: int) -> str:
     return text if len(text) <= length else text[: length - 1] + "…"
-
-
-_CODES = {code.value[0]: code for code in grpc.StatusCode}

@@ -11,7 +11,7 @@ from typing import Any, cast
 import grpc
 import grpc.aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
-from grpc_reflection.v1alpha import reflection
+from grpc_reflection.v1alpha import reflection, reflection_pb2_grpc
 
 from pretouch.channel import MESSAGE_LIMITS
 from pretouch.errors import Unavailable
@@ -93,7 +93,8 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
         stack.push_async_callback(server.stop, None)
         await server.start()
         services = await stack.enter_async_context(running(cast(grpc.aio.Server, registry), kit))
-        reflection.enable_server_reflection((*services, health.SERVICE_NAME, reflection.SERVICE_NAME), registry)
+        names = (*services, health.SERVICE_NAME, reflection.SERVICE_NAME)
+        reflection_pb2_grpc.add_ServerReflectionServicer_to_server(reflection.aio.ReflectionServicer(names), registry)
         gate.open()
         for service in ("", *services):
             await statuses.set(service, _SERVING)
