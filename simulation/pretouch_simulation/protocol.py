@@ -1,0 +1,115 @@
+"""The evaluation protocol: an object on a table, a camera whose extrinsics are wrong, and how an answer is scored."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.camera import Camera, DepthImage
+from pretouch.errors import InvalidInput
+from pretouch.estimate import Estimate
+from pretouch.geometry import Array, Plane, Pose, rotation_from_vector, vector_from_rotation
+from pretouch_simulation.kinect import render
+from pretouch_simulation.mesh import Mesh
+from pretouch_simulation.stable_pose import standing
+from pretouch_simulation.world import Body, World
+
+CAMERA = Camera(525.0, 525.0, 319.5, 239.5)
+TABLE = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+PLACE = np.array([0.5, 0.0, 0.0])
+"""m, in base: where the object stands."""
+CAMERA_DISTANCE = (0.8, 1.0)
+CAMERA_PITCH = tuple(np.radians([40.0, 50.0]))
+OFFSET_TRANSLATION = 0.02
+OFFSET_ROTATION = float(np.radians(5.0))
+CHI2_6_95 = 12.59
+
+
+def generator(*names: object) -> np.random.Generator:
+    """A random generator fixed by the names, the same on every machine and in every process."""
+    digest = hashlib.blake2b("\x1f".join(str(name) for name in names).encode(), digest_size=16).digest()
+    return np.random.default_rng(int.from_bytes(digest, "little"))
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One view of one object, with what only the judge knows.
+
+    Attributes:
+        name, view: which mesh, which of its views.
+        depth, camera, base_T_camera: what a client has; the extrinsics are wrong.
+        mask: (h, w) bool, the true object pixels with a depth.
+        world: what the finger meets, at its true place in base.
+        truth: the right `base_T_correction`.
+    """
+
+    name: str
+    view: int
+    depth: DepthImage
+    camera: Camera
+    base_T_camera: Pose
+    mask: NDArray[np.bool_]
+    world: World
+    truth: Pose
+
+    @property
+    def cloud(self) -> Array:
+        """(n, 3), m: the object's points as the camera puts them in base."""
+        return self.base_T_camera.apply(self.camera.organised(self.depth.metres)[self.mask])
+
+    def error(self, base_T_correction: Pose) -> float:
+        """m: mean distance of the object's points, as corrected, from their true place."""
+        cloud = self.cloud
+        return float(np.linalg.norm(self.truth.apply(cloud) - base_T_correction.apply(cloud), axis=1).mean())
+
+    def covered(self, estimate: Estimate) -> bool:
+        """Whether the truth lies in the estimate's 95 % region."""
+        turn = vector_from_rotation(self.truth.rotation @ estimate.base_T_correction.rotation.T)
+        shift = self.truth.apply(estimate.centroid) - estimate.base_T_correction.apply(estimate.centroid)
+        error = np.concatenate([turn, shift])
+        return bool(error @ np.linalg.solve(estimate.covariance, error) <= CHI2_6_95)
+
+
+def hidden_offset(true_cloud: Array, rng: np.random.Generator) -> Pose:
+    """The calibration error D: `base_T_correction` as it should be found.
+
+    Roll, pitch, yaw uniform in +-5 deg (extrinsic xyz, base axes) about the cloud's centroid as the camera puts it,
+    then a shift of uniform +-2 cm along base axes.
+
+    Args:
+        true_cloud: (n, 3), m, the object's points at their true place in base.
+    """
+    roll, pitch, yaw = rng.uniform(-OFFSET_ROTATION, OFFSET_ROTATION, 3)
+    shift = rng.uniform(-OFFSET_TRANSLATION, OFFSET_TRANSLATION, 3)
+    turn = rotation_from_vector([0, 0, yaw]) @ rotation_from_vector([0, pitch, 0]) @ rotation_from_vector([roll, 0, 0])
+    centroid = true_cloud.mean(axis=0) - shift
+    return Pose.of(turn, centroid + shift - turn @ centroid)
+
+
+def make_case(name: str, mesh: Mesh, view: int, seed: int = 0) -> Case:
+    """View number `view` of `mesh`; everything random is fixed by `seed`, `name` and `view`.
+
+    Raises:
+        InvalidInput: the camera does not see the object.
+    """
+    rng = generator("view", seed, name, view)
+    base_T_mesh = Pose.from_rotation_vector([0.0, 0.0, rng.uniform(-np.pi, np.pi)], PLACE)
+    world = World([Body(standing(mesh), base_T_mesh)], TABLE)
+    middle = PLACE + np.array([0.0, 0.0, world.bodies[0].mesh.extents[2] / 2])
+    true_camera = looking_at(middle, rng.uniform(*CAMERA_DISTANCE), rng.uniform(*CAMERA_PITCH))
+    depth, bodies = render(world, CAMERA, true_camera, rng)
+    mask = (bodies == 0) & (depth.metres > 0)
+    if not mask.any():
+        raise InvalidInput(f"The camera does not see {name}.", "Give a larger mesh, in metres.")
+    truth = hidden_offset(true_camera.apply(CAMERA.organised(depth.metres)[mask]), rng)
+    return Case(name, view, depth, CAMERA, truth.inverse() @ true_camera, mask, world, truth)
+
+
+def looking_at(target: Array, distance: float, pitch: float) -> Pose:
+    """`base_T_camera` at `distance`, m, from `target` (3,), looking along base x and `pitch` rad down."""
+    z = np.array([np.cos(pitch), 0.0, -np.sin(pitch)])
+    x = np.array([0.0, -1.0, 0.0])
+    return Pose.of(np.stack([x, np.cross(z, x), z], axis=1), target - distance * z)

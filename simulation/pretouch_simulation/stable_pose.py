@@ -1,0 +1,83 @@
+"""How an object stands on a table."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from pretouch.errors import InvalidInput
+from pretouch.geometry import Array, Pose
+from pretouch_simulation.mesh import Mesh
+
+_CONTACT = 0.0015
+"""m; vertices this near to the lowest one carry the object: scans are not perfectly flat below."""
+_SLACK = 0.001
+"""m by which the centre of mass may stand outside its support."""
+
+
+def standing(mesh: Mesh) -> Mesh:
+    """The mesh on z = 0, centred on x = y = 0: as it is if it stands, else on the face of its hull it prefers.
+
+    The mass is taken to fill the hull evenly. The preferred face is the one that holds the centre of mass above it
+    and looks largest from there, which is about how often a dropped object comes to rest on it.
+
+    Raises:
+        InvalidInput: the mesh is flat or a line.
+    """
+    try:
+        hull = ConvexHull(mesh.vertices)
+    except QhullError as error:
+        raise InvalidInput("The mesh has no volume.", "Give a mesh with extent in all three directions.") from error
+    centre = _centre_of_mass(mesh.vertices, hull)
+    if _stands(mesh.vertices, centre, np.array([0.0, 0.0, -1.0])):
+        return mesh.resting()
+    share: dict[tuple[float, ...], float] = {}
+    faces: dict[tuple[float, ...], Array] = {}
+    for simplex, equation in zip(hull.simplices, hull.equations, strict=True):
+        down = equation[:3]
+        if _stands(mesh.vertices, centre, down):
+            facet = tuple(np.round(down, 3))
+            faces.setdefault(facet, down)
+            share[facet] = share.get(facet, 0.0) + _solid_angle(mesh.vertices[simplex] - centre)
+    down = faces[max(share, key=lambda facet: share[facet])]
+    return mesh.moved(Pose.of(_turning_down(down), np.zeros(3))).resting()
+
+
+def _centre_of_mass(vertices: Array, hull: ConvexHull) -> Array:
+    """(3,), m: of the hull filled evenly, as a sum of tetrahedra from its vertices' mean."""
+    middle = vertices[hull.vertices].mean(axis=0)
+    corners = vertices[hull.simplices] - middle
+    volumes = np.abs(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))
+    return np.asarray(
+        middle + (volumes[:, None] * corners.sum(axis=1)).sum(axis=0) / (4.0 * volumes.sum()), dtype=float
+    )
+
+
+def _stands(vertices: Array, centre: Array, down: Array) -> bool:
+    """Whether the centre of mass is above the support polygon of the vertices that are lowest towards `down`."""
+    depth = vertices @ down
+    to_plane = _turning_down(down)
+    foot = (vertices[depth > depth.max() - _CONTACT] @ to_plane.T)[:, :2]
+    mass = (to_plane @ centre)[:2]
+    try:
+        support = ConvexHull(foot)
+    except (QhullError, ValueError):
+        return False
+    return bool((support.equations[:, :2] @ mass + support.equations[:, 2] < _SLACK).all())
+
+
+def _turning_down(down: Array) -> Array:
+    """A rotation that takes the unit vector `down` to -z."""
+    z = -down
+    x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    x = x - z * (x @ z)
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def _solid_angle(triangle: Array) -> float:
+    """sr: of a triangle (3, 3) seen from the origin (van Oosterom and Strackee, 1983)."""
+    a, b, c = triangle
+    la, lb, lc = np.linalg.norm(triangle, axis=1)
+    scale = la * lb * lc + (a @ b) * lc + (b @ c) * la + (c @ a) * lb
+    return float(abs(2.0 * np.arctan2(a @ np.cross(b, c), scale)))
