@@ -46,6 +46,9 @@ class Probe:
                 await self._kit.cpu(self.release.wait, 30)
             case ["release"]:
                 self.release.set()
+            case ["outlast"]:
+                await self._kit.draining.wait()
+                await asyncio.sleep(0.1)
             case ["wait", seconds]:
                 await asyncio.sleep(float(seconds))
             case ["context"]:

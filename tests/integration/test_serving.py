@@ -267,15 +267,20 @@ async def test_health_follows_warm_up_and_drain() -> None:
         assert (await watch.read()).status == SERVING
         stream = stub.until_draining(text(""), timeout=TIMEOUT)
         assert (await stream.read()).value == "open"
-        held = asyncio.create_task(_call(stub, "wait:0.5"))
+        held = asyncio.create_task(_call(stub, "outlast"))
         await eventually(lambda: value(kits[0], "calls_in_flight") == 2)
+        kept = stub.echoed(timeout=TIMEOUT)
+        await kept.write(text("holds the drain open"))
+        assert (await kept.read()).value == "holds the drain open"
         stop.set()
         assert (await watch.read()).status == NOT_SERVING
         assert isinstance(await failure(stub.unary(text("x"), timeout=TIMEOUT)), errors.Unavailable)
         check = await health.Check(health_pb2.HealthCheckRequest(), timeout=TIMEOUT)
         assert check.status == NOT_SERVING
         assert (await stream.read()).value == "draining"
-        assert await held == "wait:0.5", "a call under way ends well"
+        assert await held == "outlast", "a call under way ends well"
+        await kept.done_writing()
+        assert await kept.read() is grpc.aio.EOF
         await serving
 
 
