@@ -6,6 +6,7 @@ numbers that are not finite `Malformed`. What a service answers may have members
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -47,6 +48,8 @@ __all__ = [
     "scan_plan_from_json",
     "scan_plan_to_json",
     "session_from_json",
+    "session_page_from_json",
+    "session_page_to_json",
     "session_to_json",
     "submission_from_json",
     "submission_to_json",
@@ -299,3 +302,15 @@ def session_from_json(document: object) -> Session:
         base_T_object=estimate.pose("base_T_object") if "base_T_object" in estimate else None,
         reason=members.get("reason", None),
     )
+
+
+def session_page_to_json(sessions: Sequence[Session], next_cursor: str) -> dict[str, Any]:
+    """The answer of `GET /v1/sessions`; an empty cursor: this is the last page."""
+    return {"sessions": [session_to_json(session) for session in sessions], "next": next_cursor or None}
+
+
+def session_page_from_json(document: object) -> tuple[tuple[Session, ...], str]:
+    """The sessions of a page and the next one's cursor."""
+    members = Members(document, "", None)
+    cursor = "" if members.get("next") is None else members.text("next")
+    return tuple(session_from_json(value) for value in members.items("sessions")), cursor

@@ -1,0 +1,39 @@
+"""How often and how long one call is tried. No call of this client does harm when it arrives twice, so all are tried
+again: reads change nothing, a scan is known by its id, a session's creation by its idempotency key."""
+
+from __future__ import annotations
+
+import random
+import time
+from typing import Final
+
+from pretouch.errors import Overloaded, PretouchError, Unavailable
+
+_FIRST_DELAY: Final = 0.2
+_MOST_DELAY: Final = 2.0
+_RETRIES: Final = 5
+
+
+class Attempts:
+    """The tries of one call within `timeout` seconds: at most 6, with waits of 0.2 s to 2 s between them."""
+
+    def __init__(self, timeout: float) -> None:
+        self._end = time.monotonic() + timeout
+        self._failed = 0
+
+    def remaining(self) -> float:
+        """s until the call's timeout, at least a millisecond."""
+        return max(self._end - time.monotonic(), 1e-3)
+
+    def delay_after(self, error: PretouchError) -> float:
+        """s to wait before the next try.
+
+        Raises:
+            PretouchError: `error` itself, if another try would be of no use or too late.
+        """
+        delay = min(_FIRST_DELAY * 2.0**self._failed, _MOST_DELAY) * random.uniform(0.75, 1.0)
+        self._failed += 1
+        passing = isinstance(error, Unavailable | Overloaded)
+        if not passing or self._failed > _RETRIES or delay >= self.remaining():
+            raise error
+        return delay
