@@ -1,0 +1,41 @@
+"""What a robot program gets from `pretouch.client`, and what importing it costs."""
+
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+import pretouch.client
+from pretouch.client import AsyncClient, AsyncGrpcClient, AsyncRestClient, GrpcClient, RestClient, SyncClient
+
+METHODS = {"create_session", "session", "sessions", "all_sessions", "next_scan", "submit", "cancel", "events", "close"}
+
+
+def test_the_public_names_are_these() -> None:
+    assert sorted(pretouch.client.__all__) == [
+        *("AsyncClient", "AsyncGrpcClient", "AsyncRestClient", "Event", "GrpcClient", "ImageLike", "RestClient"),
+        *("SessionPage", "SyncClient", "drive", "drive_async"),
+    ]
+    assert all(hasattr(pretouch.client, name) for name in pretouch.client.__all__)
+
+
+@pytest.mark.parametrize("kind", [RestClient, GrpcClient, AsyncRestClient, AsyncGrpcClient])
+def test_every_client_has_the_same_methods(kind: type) -> None:
+    assert {name for name in dir(kind) if not name.startswith("_")} == METHODS
+
+
+def test_synchronous_and_asynchronous_methods_take_the_same() -> None:
+    for name in METHODS:
+        sync, other = (inspect.signature(getattr(kind, name)).parameters for kind in (SyncClient, AsyncClient))
+        assert sync == other, name
+
+
+def test_importing_the_client_is_light() -> None:
+    script = "import sys; before = set(sys.modules); import pretouch.client; print(*(set(sys.modules) - before))"
+    got = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    modules = got.stdout.split()
+    heavy = {"torch", "open3d", "fastapi", "starlette", "pydantic", "scipy", "numba", "matplotlib", "pandas"}
+    assert not heavy & {name.partition(".")[0] for name in modules}
+    assert not [name for name in modules if name.startswith(("pretouch_", "pretouch.serving"))]
+    assert len(modules) < 700
