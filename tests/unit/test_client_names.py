@@ -38,4 +38,4 @@ def test_importing_the_client_is_light() -> None:
     heavy = {"torch", "open3d", "fastapi", "starlette", "pydantic", "scipy", "numba", "matplotlib", "pandas"}
     assert not heavy & {name.partition(".")[0] for name in modules}
     assert not [name for name in modules if name.startswith(("pretouch_", "pretouch.serving"))]
-    assert len(modules) < 700
+    assert len(modules) < 600
