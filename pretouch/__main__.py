@@ -1,0 +1,5 @@
+"""`python -m pretouch`: the command line."""
+
+from pretouch.cli import main
+
+main()

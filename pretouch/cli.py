@@ -1,0 +1,245 @@
+"""The command line: `pretouch serve | up | healthcheck`, and the commands that other packages offer.
+
+Services and commands are found by entry points (`pretouch.services`, `pretouch.commands`) and imported only when they
+are called, so that `pretouch --help` is quick and needs no extra.
+"""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import importlib.util
+import os
+import sys
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from pretouch.errors import PretouchError, Unavailable
+
+_PORTS = {"orchestrator": 50050, "detector": 50051, "registrar": 50052, "gateway": 50053}
+_SERVE_HELP = {
+    "orchestrator": """The sessions, their store, and the REST API: what a robot talks to.
+
+    Its own options are environment variables:
+
+    - PRETOUCH_ORCHESTRATOR_DETECTOR, PRETOUCH_ORCHESTRATOR_REGISTRAR: host:port of those services
+
+    - PRETOUCH_ORCHESTRATOR_GATEWAY: host:port; left out, robots send their samples themselves
+
+    - PRETOUCH_ORCHESTRATOR_STATE: directory of the session store
+
+    - PRETOUCH_ORCHESTRATOR_REST_HOST (127.0.0.1), PRETOUCH_ORCHESTRATOR_REST_PORT (8080)
+    """,
+    "detector": "Where is it worth looking? Proposes regions of a depth image to scan.",
+    "registrar": """Where is the object? Estimates the correction from the scans, and foretells what a scan would bring.
+
+    Its own option is an environment variable:
+
+    - PRETOUCH_REGISTRAR_ENGINE: the engine for requests that name none
+    """,
+    "gateway": """What did the finger measure? Owns the serial ports.
+
+    Its own option is an environment variable:
+
+    - PRETOUCH_GATEWAY_DEVICES: name=port,name=port; ports as paths or pyserial URLs
+    """,
+}
+
+Host = Annotated[str, typer.Option(envvar="PRETOUCH_HOST", help="Address to listen on.")]
+Token = Annotated[
+    str | None,
+    typer.Option(envvar="PRETOUCH_TOKEN", help="Bearer token that every call must carry.", show_default=False),
+]
+LogLevel = Annotated[str, typer.Option(envvar="PRETOUCH_LOG_LEVEL", help="debug, info, warning or error.")]
+TlsCa = Annotated[Path | None, typer.Option(help="The authority that signed the service's certificate.")]
+TlsCert = Annotated[Path | None, typer.Option(help="A client's certificate, where the service asks for one.")]
+TlsKey = Annotated[Path | None, typer.Option(help="Its key.")]
+
+
+def _serve(
+    context: typer.Context,
+    host: Host = "127.0.0.1",
+    port: Annotated[
+        int | None,
+        typer.Option(envvar="PRETOUCH_PORT", help="gRPC port; 0 for a free one.", show_default="the service's own"),
+    ] = None,
+    metrics_port: Annotated[
+        int | None,
+        typer.Option(envvar="PRETOUCH_METRICS_PORT", help="Port of the Prometheus page.", show_default="off"),
+    ] = None,
+    token: Token = None,
+    tls_cert: Annotated[
+        Path | None, typer.Option(envvar="PRETOUCH_TLS_CERT", help="Certificate to serve TLS with.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(envvar="PRETOUCH_TLS_KEY", help="Its key.")] = None,
+    tls_client_ca: Annotated[
+        Path | None,
+        typer.Option(envvar="PRETOUCH_TLS_CLIENT_CA", help="Authority whose certificate every client must show."),
+    ] = None,
+    workers: Annotated[int, typer.Option(envvar="PRETOUCH_WORKERS", help="Threads for CPU work.")] = 2,
+    max_queue: Annotated[
+        int, typer.Option(envvar="PRETOUCH_MAX_QUEUE", help="CPU jobs that may wait; more are refused.")
+    ] = 16,
+    grace: Annotated[
+        float, typer.Option(envvar="PRETOUCH_GRACE", help="Seconds that running calls get at shutdown.")
+    ] = 5.0,
+    log_level: LogLevel = "info",
+    until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
+) -> None:
+    from pretouch.serving import Settings, serve
+
+    name = str(context.info_name)
+    settings = Settings(
+        host=host,
+        port=_PORTS[name] if port is None else port,
+        metrics_port=metrics_port,
+        token=token,
+        tls_cert=tls_cert,
+        tls_key=tls_key,
+        tls_client_ca=tls_client_ca,
+        workers=workers,
+        max_queue=max_queue,
+        grace=grace,
+        log_level=log_level,
+    )
+    (service,) = entry_points(group="pretouch.services", name=name)
+    asyncio.run(serve(name, _load(service, name), settings, until_stdin_closes=until_stdin_closes))
+
+
+def _up(
+    host: Annotated[str, typer.Option(help="Where REST and gRPC of the orchestrator are served.")] = "127.0.0.1",
+    rest_port: Annotated[int, typer.Option(help="Port of REST and dashboard; 0 for a free one.")] = 8080,
+    grpc_port: Annotated[int, typer.Option(help="Port of gRPC; 0 for a free one.")] = 50050,
+    state: Annotated[
+        Path | None, typer.Option(help="Directory of the sessions.", show_default="~/.local/state/pretouch")
+    ] = None,
+    device: Annotated[
+        list[str] | None, typer.Option(help="A finger's serial port as NAME=PORT or NAME=URL; may be repeated.")
+    ] = None,
+    token: Token = None,
+    log_level: LogLevel = "warning",
+) -> None:
+    """Run all four services of one machine until Ctrl-C or SIGTERM."""
+    from pretouch.serving.up import Stack, up
+
+    home = Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser() / "pretouch"
+    stack = Stack(host, rest_port, grpc_port, state or home, tuple(device or ()), token, log_level)
+    asyncio.run(up(stack, lambda line: print(line, flush=True)))
+
+
+def _healthcheck(
+    address: Annotated[
+        str | None, typer.Argument(help="host:port", show_default="127.0.0.1 and PRETOUCH_PORT or 50050")
+    ] = None,
+    timeout: Annotated[float, typer.Option(help="Seconds to wait for the answer.")] = 3.0,
+    tls_ca: TlsCa = None,
+    tls_cert: TlsCert = None,
+    tls_key: TlsKey = None,
+) -> None:
+    """Ask a service whether it serves; exit code 0 if it does, else 1."""
+    import grpc
+    from grpc_health.v1 import health_pb2, health_pb2_grpc
+
+    from pretouch.channel import open_sync_channel
+
+    target = address or f"127.0.0.1:{os.environ.get('PRETOUCH_PORT') or _PORTS['orchestrator']}"
+    with open_sync_channel(target, None, tls_ca, tls_cert, tls_key) as channel:
+        try:
+            answer = health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest(), timeout=timeout)
+        except grpc.RpcError as error:
+            print(f"{target}: {error.details()}", file=sys.stderr)
+            raise typer.Exit(1) from error
+    status = health_pb2.HealthCheckResponse.ServingStatus.Name(answer.status)
+    print(f"{target}: {status}")
+    raise typer.Exit(0 if answer.status == health_pb2.HealthCheckResponse.SERVING else 1)
+
+
+def _load(entry: EntryPoint, extra: str | None) -> Any:
+    """What `entry` names.
+
+    Raises:
+        Unavailable: a package that it needs is not installed.
+    """
+    try:
+        return entry.load()
+    except ModuleNotFoundError as error:
+        raise _missing(error, entry.name, extra) from error
+
+
+def _missing(error: ModuleNotFoundError, name: str, extra: str | None) -> Unavailable | ModuleNotFoundError:
+    """What to tell the user: the extra to install; `error` itself where none would help."""
+    if extra is None or (error.name or "pretouch").startswith("pretouch"):
+        return error
+    return Unavailable(
+        f"{name} needs the package {error.name}, which is not installed.", f"Run: pip install 'pretouch[{extra}]'"
+    )
+
+
+def _extra(entry: EntryPoint) -> str | None:
+    """The extra that the entry point asks for."""
+    return next(iter(entry.extras), None)
+
+
+def _summary(entry: EntryPoint) -> str:
+    """The first line of the command's docstring, read without importing its module."""
+    spec = importlib.util.find_spec(entry.module)
+    if spec is None or spec.origin is None:
+        return ""
+    module = ast.parse(Path(spec.origin).read_bytes())
+    functions = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name == entry.attr]
+    return (ast.get_docstring(functions[0] if functions else module) or "").partition("\n")[0]
+
+
+def _app(called: str | None) -> typer.Typer:
+    """The whole command line; of the other packages' commands only the `called` one is imported."""
+    app = typer.Typer(
+        name="pretouch",
+        help="A better object pose for any robot, from a time-of-flight sensor in its fingertip.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    app.command("up")(_up)
+    serve = typer.Typer(help="Run one service.", no_args_is_help=True)
+    for name, text in _SERVE_HELP.items():
+        serve.command(name, help=text)(_serve)
+    app.add_typer(serve, name="serve")
+    app.command("healthcheck")(_healthcheck)
+    for entry in sorted(entry_points(group="pretouch.commands"), key=lambda entry: entry.name):
+        if entry.name != called:
+            app.command(entry.name, help=_summary(entry))(lambda: None)
+            continue
+        command = _load(entry, _extra(entry))
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=entry.name)
+        else:
+            app.command(entry.name)(command)
+    return app
+
+
+def main() -> None:
+    """Runs the command line; what a user can put right is said in two lines, with exit code 2."""
+    called = sys.argv[1] if len(sys.argv) > 1 else None
+    try:
+        _app(called)()
+    except PretouchError as error:
+        _refuse(error)
+    except ModuleNotFoundError as error:  # a command may import what it needs only once it runs
+        for entry in entry_points(group="pretouch.commands", name=called or ""):
+            told = _missing(error, entry.name, _extra(entry))
+            if isinstance(told, PretouchError):
+                _refuse(told)
+        raise
+
+
+def _refuse(error: PretouchError) -> NoReturn:
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    console.print(f"[bold red]{escape(error.detail)}[/]")
+    if error.remedy:
+        console.print(escape(error.remedy))
+    sys.exit(2)
