@@ -25,15 +25,15 @@ _sym_db = _symbol_database.Default()
 from pretouch.v1 import common_pb2 as pretouch_dot_v1_dot_common__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n pretouch/v1/sensor_gateway.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"\x14\n\x12ListDevicesRequest\";\n\x13ListDevicesResponse\x12$\n\x07\x64\x65vices\x18\x01 \x03(\x0b\x32\x13.pretouch.v1.Device\"\x97\x01\n\x06\x44\x65vice\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04port\x18\x02 \x01(\t\x12\'\n\x05state\x18\x03 \x01(\x0e\x32\x18.pretouch.v1.DeviceState\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nbad_frames\x18\x05 \x01(\x04\x12\x13\n\x0blost_frames\x18\x06 \x01(\x04\x12\x0f\n\x07problem\x18\x07 \x01(\t\"%\n\x13StreamRangesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\"\xc0\x01\n\x14StreamRangesResponse\x12\x1d\n\x01t\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05range\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06status\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06module\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x10\n\x08sequence\x18\x05 \x01(\r\x12\x0c\n\x04lost\x18\x06 \x01(\x04\";\n\x07TipPose\x12\t\n\x01t\x18\x01 \x01(\x01\x12%\n\nbase_t_tip\x18\x02 \x01(\x0b\x32\x11.pretouch.v1.Pose\"w\n\x13StreamPointsRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\'\n\ttip_poses\x18\x03 \x03(\x0b\x32\x14.pretouch.v1.TipPose\"o\n\x14StreamPointsResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples\x12\"\n\x06points\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\x03 \x01(\x04\"=\n\x11GetSamplesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\x0c\n\x04\x66rom\x18\x02 \x01(\x01\x12\n\n\x02to\x18\x03 \x01(\x01\";\n\x12GetSamplesResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples*}\n\x0b\x44\x65viceState\x12\x1c\n\x18\x44\x45VICE_STATE_UNSPECIFIED\x10\x00\x12\x1b\n\x17\x44\x45VICE_STATE_CONNECTING\x10\x01\x12\x1a\n\x16\x44\x45VICE_STATE_STREAMING\x10\x02\x12\x17\n\x13\x44\x45VICE_STATE_SILENT\x10\x03\x32\xe7\x02\n\x14SensorGatewayService\x12P\n\x0bListDevices\x12\x1f.pretouch.v1.ListDevicesRequest\x1a .pretouch.v1.ListDevicesResponse\x12U\n\x0cStreamRanges\x12 .pretouch.v1.StreamRangesRequest\x1a!.pretouch.v1.StreamRangesResponse0\x01\x12W\n\x0cStreamPoints\x12 .pretouch.v1.StreamPointsRequest\x1a!.pretouch.v1.StreamPointsResponse(\x01\x30\x01\x12M\n\nGetSamples\x12\x1e.pretouch.v1.GetSamplesRequest\x1a\x1f.pretouch.v1.GetSamplesResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n pretouch/v1/sensor_gateway.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"\x14\n\x12ListDevicesRequest\";\n\x13ListDevicesResponse\x12$\n\x07\x64\x65vices\x18\x01 \x03(\x0b\x32\x13.pretouch.v1.Device\"\x97\x01\n\x06\x44\x65vice\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04port\x18\x02 \x01(\t\x12\'\n\x05state\x18\x03 \x01(\x0e\x32\x18.pretouch.v1.DeviceState\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nbad_frames\x18\x05 \x01(\x04\x12\x13\n\x0blost_frames\x18\x06 \x01(\x04\x12\x0f\n\x07problem\x18\x07 \x01(\t\"%\n\x13StreamRangesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\"\xc0\x01\n\x14StreamRangesResponse\x12\x1d\n\x01t\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05range\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06status\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06module\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x10\n\x08sequence\x18\x05 \x01(\r\x12\x0c\n\x04lost\x18\x06 \x01(\x04\";\n\x07TipPose\x12\t\n\x01t\x18\x01 \x01(\x01\x12%\n\nbase_t_tip\x18\x02 \x01(\x0b\x32\x11.pretouch.v1.Pose\"w\n\x13StreamPointsRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\'\n\ttip_poses\x18\x03 \x03(\x0b\x32\x14.pretouch.v1.TipPose\"\x80\x01\n\x14StreamPointsResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples\x12\"\n\x06points\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\x03 \x01(\x04\x12\x0f\n\x07unposed\x18\x04 \x01(\x04\"=\n\x11GetSamplesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\x0c\n\x04\x66rom\x18\x02 \x01(\x01\x12\n\n\x02to\x18\x03 \x01(\x01\";\n\x12GetSamplesResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples*}\n\x0b\x44\x65viceState\x12\x1c\n\x18\x44\x45VICE_STATE_UNSPECIFIED\x10\x00\x12\x1b\n\x17\x44\x45VICE_STATE_CONNECTING\x10\x01\x12\x1a\n\x16\x44\x45VICE_STATE_STREAMING\x10\x02\x12\x17\n\x13\x44\x45VICE_STATE_SILENT\x10\x03\x32\xe7\x02\n\x14SensorGatewayService\x12P\n\x0bListDevices\x12\x1f.pretouch.v1.ListDevicesRequest\x1a .pretouch.v1.ListDevicesResponse\x12U\n\x0cStreamRanges\x12 .pretouch.v1.StreamRangesRequest\x1a!.pretouch.v1.StreamRangesResponse0\x01\x12W\n\x0cStreamPoints\x12 .pretouch.v1.StreamPointsRequest\x1a!.pretouch.v1.StreamPointsResponse(\x01\x30\x01\x12M\n\nGetSamples\x12\x1e.pretouch.v1.GetSamplesRequest\x1a\x1f.pretouch.v1.GetSamplesResponseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'pretouch.v1.sensor_gateway_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_DEVICESTATE']._serialized_start=965
-  _globals['_DEVICESTATE']._serialized_end=1090
+  _globals['_DEVICESTATE']._serialized_start=983
+  _globals['_DEVICESTATE']._serialized_end=1108
   _globals['_LISTDEVICESREQUEST']._serialized_start=75
   _globals['_LISTDEVICESREQUEST']._serialized_end=95
   _globals['_LISTDEVICESRESPONSE']._serialized_start=97
@@ -48,12 +48,12 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_TIPPOSE']._serialized_end=605
   _globals['_STREAMPOINTSREQUEST']._serialized_start=607
   _globals['_STREAMPOINTSREQUEST']._serialized_end=726
-  _globals['_STREAMPOINTSRESPONSE']._serialized_start=728
-  _globals['_STREAMPOINTSRESPONSE']._serialized_end=839
-  _globals['_GETSAMPLESREQUEST']._serialized_start=841
-  _globals['_GETSAMPLESREQUEST']._serialized_end=902
-  _globals['_GETSAMPLESRESPONSE']._serialized_start=904
-  _globals['_GETSAMPLESRESPONSE']._serialized_end=963
-  _globals['_SENSORGATEWAYSERVICE']._serialized_start=1093
-  _globals['_SENSORGATEWAYSERVICE']._serialized_end=1452
+  _globals['_STREAMPOINTSRESPONSE']._serialized_start=729
+  _globals['_STREAMPOINTSRESPONSE']._serialized_end=857
+  _globals['_GETSAMPLESREQUEST']._serialized_start=859
+  _globals['_GETSAMPLESREQUEST']._serialized_end=920
+  _globals['_GETSAMPLESRESPONSE']._serialized_start=922
+  _globals['_GETSAMPLESRESPONSE']._serialized_end=981
+  _globals['_SENSORGATEWAYSERVICE']._serialized_start=1111
+  _globals['_SENSORGATEWAYSERVICE']._serialized_end=1470
 # @@protoc_insertion_point(module_scope)

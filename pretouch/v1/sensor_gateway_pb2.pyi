@@ -276,8 +276,11 @@ class StreamPointsResponse(_message.Message):
     SAMPLES_FIELD_NUMBER: _builtins.int
     POINTS_FIELD_NUMBER: _builtins.int
     LOST_FIELD_NUMBER: _builtins.int
+    UNPOSED_FIELD_NUMBER: _builtins.int
     lost: _builtins.int
     """Frames lost since the batch before."""
+    unposed: _builtins.int
+    """Frames dropped since the batch before, because no two tip poses close enough in time enclose theirs."""
     @_builtins.property
     def samples(self) -> _common_pb2.Samples:
         """The samples, tip poses interpolated at each sample's own time."""
@@ -292,10 +295,11 @@ class StreamPointsResponse(_message.Message):
         samples: _common_pb2.Samples | None = ...,
         points: _common_pb2.Array | None = ...,
         lost: _builtins.int = ...,
+        unposed: _builtins.int = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["points", b"points", "samples", b"samples"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["lost", b"lost", "points", b"points", "samples", b"samples"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["lost", b"lost", "points", b"points", "samples", b"samples", "unposed", b"unposed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

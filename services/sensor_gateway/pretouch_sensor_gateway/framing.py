@@ -1,0 +1,117 @@
+"""The binary wire: a message and its CRC-16, COBS-encoded, ended by a zero byte.
+
+COBS (Cheshire and Baker, 1999) takes every zero out of the data, so that a zero always ends a frame and a listener that
+joins in the middle is in step at the next one. README.md describes the format for the author of a firmware.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from enum import Enum
+
+from cobs import cobs
+from fastcrc import crc16
+
+from pretouch_sensor_gateway.messages import BadLength, Message, UnknownKind, UnknownVersion, pack, unpack
+
+MAX_FRAME = 206
+"""Longest encoded frame without its zero, bytes: 64 modules.
+
+A line that never sends a zero (a wrong baud rate, a boot loader that prints, a hostile device) would otherwise fill the
+memory. It is also below the 255 bytes from which COBS needs blocks that end without a zero.
+"""
+END = b"\0"
+_CRC = struct.Struct("<H")
+
+
+class Refusal(Enum):
+    """Why a frame was refused."""
+
+    OVERSIZE = "longer than any frame may be"
+    ENCODING = "not COBS"
+    CHECKSUM = "checksum does not match"
+    VERSION = "another version of the format"
+    KIND = "a kind of message that this version does not have"
+    LENGTH = "length does not fit the kind of message"
+
+
+def encode(message: Message) -> bytes:
+    """The frame of `message`, with the zero that ends it."""
+    body = pack(message)
+    encoded: bytes = cobs.encode(body + _CRC.pack(crc16.ibm_3740(body)))
+    return encoded + END
+
+
+class Decoder:
+    """Takes bytes as they come, in pieces of any size, and gives messages. What it cannot read it counts and skips.
+
+    Attributes:
+        accepted: messages so far.
+        refused: frames refused so far, by reason.
+    """
+
+    def __init__(self) -> None:
+        self.accepted = 0
+        self.refused: Counter[Refusal] = Counter()
+        self._buffer = bytearray()
+        self._oversize = False
+
+    def feed(self, data: bytes) -> list[Message]:
+        """The messages that `data` completes, in their order."""
+        *ended, rest = data.split(END)
+        messages = []
+        for piece in ended:
+            self._append(piece)
+            message = self._close()
+            if message is not None:
+                messages.append(message)
+        self._append(rest)
+        self.accepted += len(messages)
+        return messages
+
+    def restart(self) -> None:
+        """Forgets a half frame: the line was cut."""
+        self._buffer.clear()
+        self._oversize = False
+
+    def _append(self, piece: bytes) -> None:
+        if len(self._buffer) + len(piece) > MAX_FRAME:
+            self._oversize = True
+            self._buffer.clear()
+        if not self._oversize:
+            self._buffer += piece
+
+    def _close(self) -> Message | None:
+        frame, oversize = bytes(self._buffer), self._oversize
+        self.restart()
+        if oversize:
+            self.refused[Refusal.OVERSIZE] += 1
+            return None
+        if not frame:
+            return None  # zeros in a row are idle filling
+        outcome = _decode(frame)
+        if isinstance(outcome, Refusal):
+            self.refused[outcome] += 1
+            return None
+        return outcome
+
+
+def _decode(frame: bytes) -> Message | Refusal:
+    try:
+        decoded = cobs.decode(frame)
+    except cobs.DecodeError:
+        return Refusal.ENCODING
+    body, checksum = decoded[: -_CRC.size], decoded[-_CRC.size :]
+    if not body:
+        return Refusal.LENGTH
+    if checksum != _CRC.pack(crc16.ibm_3740(body)):
+        return Refusal.CHECKSUM
+    try:
+        return unpack(body)
+    except UnknownVersion:
+        return Refusal.VERSION
+    except UnknownKind:
+        return Refusal.KIND
+    except BadLength:
+        return Refusal.LENGTH

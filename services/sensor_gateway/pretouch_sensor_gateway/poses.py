@@ -1,0 +1,76 @@
+"""Where the tip was: poses in the order of time, and the ones between."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from enum import Enum
+
+import numpy as np
+
+from pretouch.errors import InvalidInput
+from pretouch.geometry import Array, Pose
+from pretouch.trajectory import Trajectory
+
+MAX_GAP = 0.25
+"""Seconds between two poses across which the tip's path is no longer taken for straight: 12 mm at 5 cm/s."""
+MAX_POSES = 120_000
+"""Poses remembered of one path: ten minutes at 200 Hz."""
+
+
+class Placing(Enum):
+    """Whether a path tells where the tip was at a time."""
+
+    KNOWN = "within the path"
+    LATER = "after the newest pose: perhaps once there are more"
+    NEVER = "before the oldest pose, or within a gap"
+
+
+class PosePath:
+    """Tip poses that one robot told, in base."""
+
+    def __init__(self, times: Sequence[float] = (), matrices: Sequence[Array] = ()) -> None:
+        self._t = list(times)
+        self._matrices = list(matrices)
+
+    @property
+    def end(self) -> float | None:
+        """Time of the newest pose, s since the Unix epoch; None before the first."""
+        return self._t[-1] if self._t else None
+
+    def append(self, t: float, base_T_tip: Pose) -> None:
+        """Adds a pose; one of the same time as the newest is ignored.
+
+        Raises:
+            InvalidInput: `t`, s, is before the newest pose.
+        """
+        if self._t and t <= self._t[-1]:
+            if t == self._t[-1]:
+                return
+            raise InvalidInput(
+                f"A tip pose is of {t:.6f} s, {self._t[-1] - t:.6f} s before the one sent ahead of it.",
+                "Send tip poses in the order of time.",
+            )
+        if len(self._t) == MAX_POSES:
+            del self._t[: MAX_POSES // 10], self._matrices[: MAX_POSES // 10]
+        self._t.append(t)
+        self._matrices.append(base_T_tip.matrix)
+
+    def placing(self, t: float) -> Placing:
+        """Whether the tip's place at `t`, s, is known: never extrapolated, nor taken across more than `MAX_GAP`."""
+        after = bisect_left(self._t, t)
+        if after == len(self._t):
+            return Placing.LATER
+        if self._t[after] == t or (after > 0 and self._t[after] - self._t[after - 1] <= MAX_GAP):
+            return Placing.KNOWN
+        return Placing.NEVER
+
+    def at(self, times: Sequence[float]) -> Array:
+        """base_T_tip (n, 4, 4) at times (n,), s, each of which is `KNOWN`."""
+        part = self.between(min(times), max(times))
+        return Trajectory(np.array(part._t), np.array(part._matrices)).at(times)
+
+    def between(self, start: float, end: float) -> PosePath:
+        """The poses of this span, s, with one more on either side where there is one."""
+        span = slice(max(0, bisect_left(self._t, start) - 1), bisect_left(self._t, end) + 1)
+        return PosePath(self._t[span], self._matrices[span])

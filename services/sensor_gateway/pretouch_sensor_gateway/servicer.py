@@ -1,0 +1,81 @@
+"""SensorGatewayService over gRPC."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import AsyncIterator, Sequence
+from typing import Any
+
+from pretouch.errors import InvalidInput, NotFound, Unavailable
+from pretouch.serving import Kit
+from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceServicer
+from pretouch.wire.common import samples_to_proto
+from pretouch_sensor_gateway.configuration import VARIABLE
+from pretouch_sensor_gateway.device import Device
+from pretouch_sensor_gateway.fusion import fuse_span
+from pretouch_sensor_gateway.point_stream import PointStream
+from pretouch_sensor_gateway.wire import device_to_proto, points_to_proto, ranges_to_proto
+
+
+class SensorGatewayServicer(SensorGatewayServiceServicer):
+    """Answers for `devices`."""
+
+    def __init__(self, devices: Sequence[Device], kit: Kit) -> None:
+        self._devices = {device.name: device for device in devices}
+        self._kit = kit
+
+    async def ListDevices(self, request: pb.ListDevicesRequest, context: Any) -> pb.ListDevicesResponse:
+        return pb.ListDevicesResponse(devices=[device_to_proto(device) for device in self._devices.values()])
+
+    async def StreamRanges(
+        self, request: pb.StreamRangesRequest, context: Any
+    ) -> AsyncIterator[pb.StreamRangesResponse]:
+        with self._device(request.device).subscribed() as subscription:
+            while True:
+                await subscription.changed.wait()
+                subscription.changed.clear()
+                if self._kit.draining.is_set():
+                    raise _stopping()
+                frames, lost = subscription.take()
+                if frames:
+                    yield ranges_to_proto(frames, lost)
+
+    async def StreamPoints(
+        self, request_iterator: AsyncIterator[pb.StreamPointsRequest], context: Any
+    ) -> AsyncIterator[pb.StreamPointsResponse]:
+        requests = aiter(request_iterator)
+        first = await anext(requests, None)
+        if first is None:
+            raise InvalidInput("The call ended without a message.", "Send a first message that names the device.")
+        device = self._device(first.device)
+        with device.subscribed() as subscription:
+            stream = PointStream(device, subscription, first, requests)
+            async for fused, lost in stream.batches(self._kit.draining):
+                yield points_to_proto(fused, lost)
+            if self._kit.draining.is_set():
+                raise _stopping()
+
+    async def GetSamples(self, request: pb.GetSamplesRequest, context: Any) -> pb.GetSamplesResponse:
+        start, end = getattr(request, "from"), request.to
+        if not (math.isfinite(start) and math.isfinite(end) and start <= end):
+            raise InvalidInput(
+                f"The span from {start:g} to {end:g} is none.", "Send seconds since the Unix epoch, from before to."
+            )
+        span = self._device(request.device).history.between(start, end)
+        return pb.GetSamplesResponse(samples=samples_to_proto(await self._kit.cpu(fuse_span, *span)))
+
+    def _device(self, name: str) -> Device:
+        """The device of that name; the only one if the name is empty."""
+        if not self._devices:
+            raise NotFound("The gateway has no device.", f"Start it with {VARIABLE}=name=port.")
+        known = ", ".join(self._devices)
+        if name == "" and len(self._devices) > 1:
+            raise InvalidInput(f"The gateway has {len(self._devices)} devices.", f"Name one of: {known}.")
+        if name and name not in self._devices:
+            raise NotFound(f"There is no device {name!r}.", f"Name one of: {known}.")
+        return self._devices[name or next(iter(self._devices))]
+
+
+def _stopping() -> Unavailable:
+    return Unavailable("The gateway is shutting down.", "Connect again in a few seconds.")
