@@ -6,7 +6,6 @@ numbers that are not finite `Malformed`. What a service answers may have members
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -49,7 +48,6 @@ __all__ = [
     "scan_plan_to_json",
     "session_from_json",
     "session_page_from_json",
-    "session_page_to_json",
     "session_to_json",
     "submission_from_json",
     "submission_to_json",
@@ -304,13 +302,8 @@ def session_from_json(document: object) -> Session:
     )
 
 
-def session_page_to_json(sessions: Sequence[Session], next_cursor: str) -> dict[str, Any]:
-    """The answer of `GET /v1/sessions`; an empty cursor: this is the last page."""
-    return {"sessions": [session_to_json(session) for session in sessions], "next": next_cursor or None}
-
-
 def session_page_from_json(document: object) -> tuple[tuple[Session, ...], str]:
-    """The sessions of a page and the next one's cursor."""
+    """The sessions of a page and the cursor of the next one, empty on the last."""
     members = Members(document, "", None)
     cursor = "" if members.get("next") is None else members.text("next")
     return tuple(session_from_json(value) for value in members.items("sessions")), cursor
