@@ -34,7 +34,7 @@ Measure = Callable[[Array], tuple[Array, NDArray[np.int64]]]
 """Tip poses (n, 4, 4) in base to ranges (n,), m, NaN = none, and status codes (n,)."""
 
 POSE_RATE = 50.0
-"""Tip poses per second that the robot tells the gateway."""
+"""Tip poses per second that the robot tells the gateway at least."""
 _LEAD = 0.1  # s from announcing a motion to its start
 _PATIENCE = 20.0  # s that the gateway may take beyond the motion itself, and to find its device
 
@@ -138,9 +138,9 @@ class GatewayRobot:
         return _within(batches, span), span
 
     def _told(self, path: Trajectory, start: float) -> Iterator[pb.StreamPointsRequest]:
-        """Tells the gateway each pose when the tip is there."""
+        """Tells the gateway each pose when the tip is there: at POSE_RATE, and at the corners of its path."""
         yield pb.StreamPointsRequest(device=self._device)
-        times = np.append(np.arange(0.0, path.duration, 1.0 / POSE_RATE), path.duration)
+        times = np.union1d(np.arange(0.0, path.duration, 1.0 / POSE_RATE), path.t)
         told = 0
         while told < len(times):
             time.sleep(max(0.0, start + times[told] - time.time()))
