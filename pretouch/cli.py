@@ -13,7 +13,7 @@ import os
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 from rich.console import Console
@@ -108,7 +108,10 @@ def _serve(
         log_level=log_level,
     )
     (service,) = entry_points(group="pretouch.services", name=name)
-    asyncio.run(serve(name, _load(service, name), settings, until_stdin_closes=until_stdin_closes))
+    try:
+        asyncio.run(serve(name, service.load(), settings, until_stdin_closes=until_stdin_closes))
+    except ModuleNotFoundError as error:
+        raise _missing(error, f"The {name}", name) from error
 
 
 def _up(
@@ -159,18 +162,6 @@ def _healthcheck(
     raise typer.Exit(0 if answer.status == health_pb2.HealthCheckResponse.SERVING else 1)
 
 
-def _load(entry: EntryPoint, extra: str | None) -> Any:
-    """What `entry` names.
-
-    Raises:
-        Unavailable: a package that it needs is not installed.
-    """
-    try:
-        return entry.load()
-    except ModuleNotFoundError as error:
-        raise _missing(error, entry.name, extra) from error
-
-
 def _missing(error: ModuleNotFoundError, name: str, extra: str | None) -> Unavailable | ModuleNotFoundError:
     """What to tell the user: the extra to install; `error` itself where none would help."""
     if extra is None or (error.name or "pretouch").startswith("pretouch"):
@@ -178,11 +169,6 @@ def _missing(error: ModuleNotFoundError, name: str, extra: str | None) -> Unavai
     return Unavailable(
         f"{name} needs the package {error.name}, which is not installed.", f"Run: pip install 'pretouch[{extra}]'"
     )
-
-
-def _extra(entry: EntryPoint) -> str | None:
-    """The extra that the entry point asks for."""
-    return next(iter(entry.extras), None)
 
 
 def _summary(entry: EntryPoint) -> str:
@@ -214,7 +200,7 @@ def _app(called: str | None) -> typer.Typer:
         if entry.name != called:
             app.command(entry.name, help=_summary(entry))(lambda: None)
             continue
-        command = _load(entry, _extra(entry))
+        command = entry.load()
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=entry.name)
         else:
@@ -229,9 +215,9 @@ def main() -> None:
         _app(called)()
     except PretouchError as error:
         _refuse(error)
-    except ModuleNotFoundError as error:  # a command may import what it needs only once it runs
+    except ModuleNotFoundError as error:  # at import or only once the command runs
         for entry in entry_points(group="pretouch.commands", name=called or ""):
-            told = _missing(error, entry.name, _extra(entry))
+            told = _missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
             if isinstance(told, PretouchError):
                 _refuse(told)
         raise
