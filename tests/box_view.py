@@ -77,3 +77,8 @@ def multipart(**changes: Any) -> dict[str, tuple[str, bytes, str]]:
         "depth": ("depth.png", png(depth), "image/png"),
         "mask": ("mask.png", png(mask), "image/png"),
     }
+
+
+def samples(plan: dict[str, Any], distance: float = 0.03) -> dict[str, Any]:
+    """The body of a scan along `plan`, which is a session's `next_scan`: one sample a waypoint, all at one range."""
+    return {"samples": [waypoint | {"range": distance} for waypoint in plan["waypoints"]]}

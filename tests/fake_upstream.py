@@ -33,7 +33,6 @@ from pretouch.geometry import Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import RangeSamples
-from pretouch.v1 import common_pb2 as common
 from pretouch.v1 import detector_pb2, detector_pb2_grpc, registrar_pb2, registrar_pb2_grpc
 from pretouch.v1 import sensor_gateway_pb2 as gateway_pb2
 from pretouch.v1 import sensor_gateway_pb2_grpc as gateway_pb2_grpc
@@ -60,13 +59,13 @@ class FakeUpstream:
     Attributes:
         ready: names of the proposers that can be used.
         calls: every call so far, refused ones too.
-        samples: what the gateway answers for any span of its device; None: it knows no such span.
+        samples: what the gateway answers for any span of its device; empty unless the test sets it.
     """
 
     def __init__(self) -> None:
         self.ready = {"stability", "narf", "random"}
         self.calls: list[Call] = []
-        self.samples: RangeSamples | None = None
+        self.samples = RangeSamples(np.zeros(0), np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0), np.zeros(0))
         self._failures: defaultdict[str, list[PretouchError]] = defaultdict(list)
         self._gates: dict[str, threading.Event] = {}
         self._arrived: defaultdict[str, threading.Semaphore] = defaultdict(lambda: threading.Semaphore(0))
@@ -90,9 +89,7 @@ class FakeUpstream:
         registrar_pb2_grpc.add_RegistrarServiceServicer_to_server(_Registrar(self), server)
         gateway_pb2_grpc.add_SensorGatewayServiceServicer_to_server(_Gateway(self), server)
         healthy = health.HealthServicer()
-        for name in ("", "Detector", "Registrar", "SensorGateway"):
-            full = f"pretouch.v1.{name}Service" if name else name
-            healthy.set(full, health_pb2.HealthCheckResponse.SERVING)
+        healthy.set("", health_pb2.HealthCheckResponse.SERVING)
         health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
         self._port = server.add_insecure_port(f"127.0.0.1:{self._port}")
         server.start()
@@ -229,6 +226,4 @@ class _Gateway(gateway_pb2_grpc.SensorGatewayServiceServicer):
         self.upstream.enter("GetSamples", request, context)
         if request.device not in ("", DEVICE):
             refuse(context, NotFound(f"There is no device {request.device!r}.", f"The only device is {DEVICE!r}."))
-        if self.upstream.samples is None:
-            return gateway_pb2.GetSamplesResponse(samples=common.Samples())
         return gateway_pb2.GetSamplesResponse(samples=wire.samples_to_proto(self.upstream.samples))

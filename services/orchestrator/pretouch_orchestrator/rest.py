@@ -1,0 +1,224 @@
+"""The REST contract over the sessions' use cases."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import aclosing
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import FastAPI, Header, Query, Request
+from fastapi.responses import HTMLResponse, JSONResponse, Response, StreamingResponse
+from numpy.typing import NDArray
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+
+from pretouch.camera import decode_depth, decode_png
+from pretouch.errors import Conflict, InvalidInput, Malformed
+from pretouch.serving import Kit
+from pretouch.session import SessionRequest, Submission
+from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
+from pretouch_orchestrator import rest_openapi as openapi
+from pretouch_orchestrator.admission import Admission, answer_errors_as_problems
+from pretouch_orchestrator.bodies import json_from_bytes, read_json, read_parts
+from pretouch_orchestrator.docs_page import docs_page
+from pretouch_orchestrator.rest_models import HealthModel, ScanPlanModel, SessionListModel, SessionModel
+from pretouch_orchestrator.sessions import DEFAULT_PAGE, LARGEST_PAGE, Sessions
+
+HEARTBEAT = 15.0
+"""s of silence on a stream of events before a comment."""
+_DESCRIPTION = (
+    "Corrects an object's pose with a range sensor in the fingertip. Metres, radians, seconds; `a_T_b` maps a point "
+    "in b to a; quaternions are x, y, z, w. Every error is an RFC 9457 problem document that says what to do."
+)
+
+
+def rest_app(sessions: Sessions, kit: Kit, check: Callable[[], Awaitable[None]]) -> FastAPI:
+    """The application; `check` raises `Unavailable` while the store or another service is not well."""
+    app = FastAPI(title="pretouch", description=_DESCRIPTION, docs_url=None, redoc_url=None, redirect_slashes=False)
+    app.add_middleware(Admission, kit=kit)
+    answer_errors_as_problems(app, kit)
+    _add_session_routes(app, sessions, kit)
+    _add_event_route(app, sessions)
+    _add_service_routes(app, kit, check)
+    openapi.describe(app, token=kit.settings.token is not None)
+    return app
+
+
+def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
+    @app.post(
+        "/v1/sessions",
+        status_code=201,
+        summary="Open a session",
+        responses=openapi.responses(
+            201, openapi.answer(SessionModel, "The new session."), 400, 401, 409, 413, 415, 422, 429, 503, 504
+        ),
+        openapi_extra=openapi.creation_body(),
+    )
+    async def create_session(
+        request: Request, idempotency_key: Annotated[str | None, Header(max_length=255)] = None
+    ) -> Response:
+        """A depth image goes in; regions, the first estimate and the first scan's path come back.
+
+        The same `Idempotency-Key` with the same request answers the session that the first call made.
+        """
+        wanted, values, mask = await kit.cpu(_creation, await read_parts(request))
+        session = await sessions.create(wanted, values, mask, idempotency_key)
+        return JSONResponse(session_to_json(session), 201, {"Location": f"/v1/sessions/{session.id}"})
+
+    @app.get(
+        "/v1/sessions",
+        summary="List sessions",
+        responses=openapi.responses(200, openapi.answer(SessionListModel, "A page, the newest first."), 401, 422),
+    )
+    async def list_sessions(
+        limit: Annotated[int, Query(ge=1, le=LARGEST_PAGE)] = DEFAULT_PAGE,
+        cursor: Annotated[str, Query(pattern=r"^\d{0,18}$", description="`next` of the page before.")] = "",
+    ) -> Response:
+        """All sessions of this orchestrator, in pages."""
+        page, following = await sessions.page(limit, cursor)
+        documents = await kit.cpu(lambda: [session_to_json(session) for session in page])
+        return JSONResponse({"sessions": documents, "next": following or None})
+
+    @app.get(
+        "/v1/sessions/{session_id}",
+        summary="Look at a session",
+        responses=openapi.responses(200, openapi.answer(SessionModel, "The session."), 401, 404),
+    )
+    async def get_session(session_id: str) -> Response:
+        """Where the session stands."""
+        return JSONResponse(session_to_json(await sessions.get(session_id)))
+
+    @app.delete(
+        "/v1/sessions/{session_id}",
+        status_code=204,
+        summary="Cancel a session",
+        responses=openapi.responses(204, {"description": "It has ended."}, 401, 404),
+    )
+    async def cancel_session(session_id: str) -> Response:
+        """Ends the session; one that has ended keeps its state."""
+        await sessions.cancel(session_id)
+        return Response(status_code=204)
+
+    @app.get(
+        "/v1/sessions/{session_id}/next-scan",
+        summary="Get the next scan's path",
+        responses=openapi.responses(200, openapi.answer(ScanPlanModel, "The path."), 401, 404, 409),
+    )
+    async def next_scan(session_id: str) -> Response:
+        """The path that the fingertip should follow next."""
+        session = await sessions.get(session_id)
+        if session.next_scan is None:
+            raise Conflict(
+                f"The session is {session.state.value}: there is no next scan.", "Read its estimate, or open a new one."
+            )
+        return JSONResponse(scan_plan_to_json(session.next_scan))
+
+    @app.post(
+        "/v1/sessions/{session_id}/scans/{scan_id}",
+        summary="Submit a scan",
+        responses=openapi.responses(
+            200,
+            openapi.answer(SessionModel, "The session after the scan."),
+            400,
+            401,
+            404,
+            409,
+            413,
+            415,
+            422,
+            429,
+            503,
+            504,
+        ),
+        openapi_extra=openapi.submission_body(),
+    )
+    async def submit_scan(request: Request, session_id: str, scan_id: str) -> Response:
+        """What the finger measured along the planned path. The same scan again answers the present session."""
+        session = await sessions.answered(session_id, scan_id)
+        if session is None:
+            submission = await kit.cpu(_submission, await read_json(request))
+            session = await sessions.submit(session_id, scan_id, submission)
+        return JSONResponse(session_to_json(session))
+
+
+def _creation(
+    parts: dict[str, bytes],
+) -> tuple[SessionRequest, NDArray[np.generic], NDArray[np.generic] | None]:
+    request = request_from_json(json_from_bytes(parts["request"], "The part 'request'"))
+    values = decode_depth(parts["depth"])
+    if "mask" not in parts:
+        return request, values, None
+    mask = decode_png(parts["mask"], "mask")
+    if mask.ndim != 2:
+        raise InvalidInput("The mask has several channels.", "Send a greyscale PNG without transparency.")
+    return request, values, mask
+
+
+def _submission(body: bytes) -> Submission:
+    return submission_from_json(json_from_bytes(body, "The body"))
+
+
+def _add_event_route(app: FastAPI, sessions: Sessions) -> None:
+    @app.get(
+        "/v1/sessions/{session_id}/events",
+        summary="Follow a session",
+        responses=openapi.responses(200, openapi.text("text/event-stream", "Server-sent events."), 400, 401, 404),
+    )
+    async def follow_session(
+        session_id: str,
+        last_event_id: Annotated[str, Header(description="Only events after this one.")] = "",
+    ) -> Response:
+        """Events `session`, `scan`, `estimate` and `end` from the session's start, until its end."""
+        if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
+            raise Malformed(f"Last-Event-ID is {last_event_id!r:.80}.", "Send the id of an event of this session.")
+        await sessions.get(session_id)
+        return StreamingResponse(
+            _stream(sessions, session_id, int(last_event_id or 0)),
+            media_type="text/event-stream",
+            headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
+        )
+
+
+async def _stream(sessions: Sessions, session_id: str, after: int) -> AsyncIterator[str]:
+    async with aclosing(sessions.follow(session_id, after, HEARTBEAT)) as events:
+        async for event in events:
+            if event is None:
+                yield ": still here\n\n"
+            else:
+                yield f"id: {event.id}\nevent: {event.type}\ndata: {json.dumps(event.data)}\n\n"
+
+
+def _add_service_routes(app: FastAPI, kit: Kit, check: Callable[[], Awaitable[None]]) -> None:
+    @app.get(
+        "/healthz", summary="Is it alive?", responses=openapi.responses(200, openapi.answer(HealthModel, "It answers."))
+    )
+    async def alive() -> dict[str, Any]:
+        """The service answers."""
+        return {"status": "ok"}
+
+    @app.get(
+        "/readyz",
+        summary="Is it ready?",
+        responses=openapi.responses(200, openapi.answer(HealthModel, "It can serve sessions."), 503),
+    )
+    async def ready() -> dict[str, Any]:
+        """The store can be written, and the services behind it are well."""
+        await check()
+        return {"status": "ready"}
+
+    @app.get(
+        "/metrics", summary="Metrics", responses=openapi.responses(200, openapi.text("text/plain", "Prometheus text."))
+    )
+    async def metrics() -> Response:
+        """For Prometheus."""
+        return Response(generate_latest(kit.metrics.registry), media_type=CONTENT_TYPE_LATEST)
+
+    @app.get(
+        "/docs",
+        summary="This API's description",
+        responses=openapi.responses(200, openapi.text("text/html", "A page.")),
+    )
+    async def docs() -> Response:
+        """The OpenAPI document as a page that needs nothing from elsewhere."""
+        return HTMLResponse(docs_page(app.openapi()))

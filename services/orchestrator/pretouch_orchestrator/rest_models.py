@@ -1,0 +1,282 @@
+"""The REST contract's documents, for the OpenAPI description; the wire module reads and writes them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.json_schema import SkipJsonSchema
+
+from pretouch.session import Budget, Planner, Proposer, ScanSettings, SessionRequest, State, Tolerance
+from pretouch.tof import MAX_SAMPLES
+
+Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
+Vector6 = Annotated[list[float], Field(min_length=6, max_length=6)]
+Pixel = Annotated[int, Field(ge=0, lt=2**31)]
+Positive = Annotated[float, Field(gt=0)]
+_TOLERANCE, _BUDGET, _SCAN = Tolerance(), Budget(), ScanSettings()
+
+
+def _absent(description: str) -> Any:
+    """A member that may be left out, but not sent as null."""
+    return Field(None, description=description, json_schema_extra=_without_default)
+
+
+def _without_default(schema: dict[str, Any]) -> None:
+    del schema["default"]
+
+
+class _Sent(BaseModel):
+    """What a client sends has no member but these."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class PoseModel(_Sent):
+    """A rigid transform `a_T_b`: maps a point in b to a."""
+
+    translation: Vector3 = Field(description="Metres.", examples=[[0.45, 0.0, 0.3]])
+    rotation: Annotated[list[float], Field(min_length=4, max_length=4)] = Field(
+        description="Unit quaternion x, y, z, w; its norm within 1e-3 of 1.", examples=[[0.0, 0.0, 0.0, 1.0]]
+    )
+
+
+class CameraModel(_Sent):
+    """Pinhole intrinsics of the depth image; pixel centres at integers, no distortion."""
+
+    fx: Positive = Field(description="Pixels.", examples=[525.0])
+    fy: Positive = Field(description="Pixels.", examples=[525.0])
+    cx: float = Field(description="Pixels.", examples=[319.5])
+    cy: float = Field(description="Pixels.", examples=[239.5])
+    depth_scale: Annotated[float, Field(gt=0, le=1000)] = Field(
+        SessionRequest.depth_scale, description="Metres that one stored depth unit stands for."
+    )
+
+
+class TableModel(_Sent):
+    """The table in base: all p with normal . p = offset."""
+
+    normal: Vector3 = Field(description="Unit, away from the table.", examples=[[0.0, 0.0, 1.0]])
+    offset: float = Field(description="Metres.", examples=[0.0])
+
+
+class PriorModel(_Sent):
+    """How wrong the camera's calibration may be, about the object's centroid."""
+
+    translation_std: Annotated[float, Field(gt=0, le=1)] = Field(0.0115, description="Metres, per base axis.")
+    rotation_std: Annotated[float, Field(gt=0, le=1)] = Field(0.05, description="Radians, per base axis.")
+
+
+class ToleranceModel(_Sent):
+    """The session has converged when the `confidence` quantile of the mean point error is at most `error`."""
+
+    error: Annotated[float, Field(gt=0, le=1)] = Field(_TOLERANCE.error, description="Metres.")
+    confidence: Annotated[float, Field(gt=0, le=0.9999)] = Field(_TOLERANCE.confidence)
+
+
+class BudgetModel(_Sent):
+    """What the session may spend; a scan that would exceed it is not planned."""
+
+    scans: Annotated[int, Field(ge=1, le=1000)] = Field(_BUDGET.scans)
+    seconds: Annotated[float, Field(gt=0, le=1e6)] = Field(_BUDGET.seconds, description="Robot seconds.")
+    fraction: Annotated[float, Field(gt=0, le=1)] = Field(
+        _BUDGET.fraction, description="Share of the object's visible cloud within 5 mm of a returned point."
+    )
+
+
+class SensorModel(_Sent):
+    """The fingertip's range sensor."""
+
+    range_min: Annotated[float, Field(ge=0, lt=10)] = Field(0.01, description="Metres along the beam.")
+    range_max: Annotated[float, Field(gt=0, le=10)] = Field(0.10, description="Metres; beyond it there is no return.")
+    range_std: Annotated[float, Field(gt=0, le=0.1)] = Field(0.0015, description="Metres.")
+    beam_half_angle: Annotated[float, Field(ge=0, lt=0.785)] = Field(0.0, description="Radians; 0 is a thin beam.")
+    rate: Annotated[float, Field(gt=0, le=10_000)] = Field(30.0, description="Samples per second of each module.")
+    tip_T_module: Annotated[list[PoseModel], Field(min_length=1, max_length=256)] | SkipJsonSchema[None] = _absent(
+        "Pose of each module in the tip frame, z along its beam; left out: one module at the tip."
+    )
+
+
+class ScanSettingsModel(_Sent):
+    """How the finger moves."""
+
+    standoff: Annotated[float, Field(gt=0, le=1)] = Field(_SCAN.standoff, description="Metres above the surface.")
+    speed: Annotated[float, Field(gt=0, le=10)] = Field(_SCAN.speed, description="Metres per second at most.")
+
+
+class SessionRequestModel(_Sent):
+    """What a session is asked to do."""
+
+    camera: CameraModel
+    base_T_camera: PoseModel = Field(description="Extrinsics as believed; camera frame x right, y down, z forward.")
+    roi: Annotated[list[Pixel], Field(min_length=4, max_length=4)] | SkipJsonSchema[None] = _absent(
+        "[u0, v0, u1, v1], half-open; with a mask, their intersection."
+    )
+    table: TableModel | SkipJsonSchema[None] = _absent("Left out: estimated.")
+    base_T_object: PoseModel | SkipJsonSchema[None] = _absent("An object pose to correct along.")
+    prior: PriorModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    tolerance: ToleranceModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    budget: BudgetModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    sensor: SensorModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    scan: ScanSettingsModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    proposer: Proposer | SkipJsonSchema[None] = _absent("Left out: the best one that is ready.")
+    planner: Planner = Field(Planner.INFORMATION)
+
+
+class RegionModel(BaseModel):
+    """A region worth scanning."""
+
+    id: str
+    rectangle: Annotated[list[float], Field(min_length=5, max_length=5)] = Field(
+        description="[x, y, w, h, theta]: pixels; radians from +u towards +v."
+    )
+    confidence: float = Field(description="The proposer's score in [0, 1].")
+    expected_error: float = Field(description="Metres: the estimate's expected error if this were scanned next.")
+
+
+class WeakDirectionModel(BaseModel):
+    """A direction in which the pose is still free."""
+
+    direction: Vector6 = Field(description="Unit: rotation vector scaled by the object's radius, translation.")
+    std: float = Field(description="Metres.")
+    text: str
+
+
+class EstimateModel(BaseModel):
+    """The corrected pose and how sure it is."""
+
+    base_T_correction: PoseModel = Field(description="Maps a point where the camera put it to where it truly is.")
+    centroid: Vector3 = Field(description="Metres in base: mean of the object's cloud before correction.")
+    covariance: Annotated[list[Vector6], Field(min_length=6, max_length=6)] = Field(
+        description="Row-major, order (rotation vector, translation), base axes, about the centroid; rad^2, rad m, m^2."
+    )
+    expected_error: float = Field(description="Metres: expected mean distance of estimated from true object points.")
+    error_quantile: float = Field(description="Metres: the 95 % quantile of the same.")
+    unobservable: list[WeakDirectionModel]
+    inliers: int
+    samples: int
+    rmse: float = Field(description="Metres.")
+    base_T_object: PoseModel | SkipJsonSchema[None] = _absent("The corrected object pose, if one was given.")
+
+
+class WaypointModel(BaseModel):
+    """Where the tip is at a time."""
+
+    t: float = Field(description="Seconds from 0.")
+    base_T_tip: PoseModel
+
+
+class ScanPlanModel(BaseModel):
+    """A path for the fingertip: straight lines and slerp between waypoints, its ends reached from above."""
+
+    scan_id: str
+    region_id: str
+    waypoints: list[WaypointModel]
+    length: float = Field(description="Metres.")
+    duration: float = Field(description="Seconds.")
+
+
+class ScanSummaryModel(BaseModel):
+    """A scan that was used."""
+
+    scan_id: str
+    region_id: str
+    samples: int
+    returns: int
+    length: float = Field(description="Metres.")
+    duration: float = Field(description="Seconds.")
+    expected_error: float = Field(description="Metres, after it.")
+
+
+class BudgetUsedModel(BaseModel):
+    """What was spent."""
+
+    scans: int
+    seconds: float
+    fraction: float
+
+
+class ProblemModel(BaseModel):
+    """An RFC 9457 problem document."""
+
+    type: str
+    title: str
+    status: int
+    detail: str = Field(description="What was wrong.")
+    remedy: str = Field(description="What to do about it.")
+
+
+class SessionModel(BaseModel):
+    """Where a session stands."""
+
+    id: str
+    state: State
+    reason: ProblemModel | SkipJsonSchema[None] = _absent("Only of a failed session.")
+    proposer: Proposer
+    planner: Planner
+    regions: list[RegionModel]
+    estimate: EstimateModel
+    next_scan: ScanPlanModel | None
+    scans: list[ScanSummaryModel]
+    budget_used: BudgetUsedModel
+
+
+class SessionListModel(BaseModel):
+    """A page of sessions, the newest first."""
+
+    sessions: list[SessionModel]
+    next: str | None = Field(description="Cursor of the next page; null: this is the last.")
+
+
+class SampleModel(_Sent):
+    """One range sample."""
+
+    t: float = Field(description="Seconds, non-decreasing.")
+    base_T_tip: PoseModel
+    range: Annotated[float, Field(ge=0)] | None = Field(description="Metres along the beam; null: no return.")
+    status: Annotated[int, Field(ge=0, le=255)] = Field(0, description="The sensor's own code; 0 is good.")
+    module: Annotated[int, Field(ge=0, le=255)] = Field(0, description="Index in sensor.tip_T_module.")
+
+
+class SamplesModel(_Sent):
+    """A scan as measured."""
+
+    samples: Annotated[list[SampleModel], Field(min_length=1, max_length=MAX_SAMPLES)]
+
+
+class PointsModel(_Sent):
+    """A scan as points in base, metres, from a robot that computes them itself."""
+
+    points: Annotated[list[Vector3], Field(min_length=1, max_length=MAX_SAMPLES)]
+
+
+class SpanModel(_Sent):
+    """A span of the gateway's samples, seconds since the Unix epoch on its host's clock."""
+
+    device: str = Field(description="Empty: the only one.")
+    from_: float = Field(alias="from")
+    to: float
+
+
+class GatewaySpanModel(_Sent):
+    """A scan that the sensor gateway holds."""
+
+    gateway: SpanModel
+
+
+class SkippedModel(_Sent):
+    """A scan that could not be made; samples taken so far may come along."""
+
+    skipped: Literal["unreachable"]
+    samples: Annotated[list[SampleModel], Field(max_length=MAX_SAMPLES)] | SkipJsonSchema[None] = _absent(
+        "May be empty."
+    )
+
+
+SubmissionModel = SamplesModel | PointsModel | GatewaySpanModel | SkippedModel
+
+
+class HealthModel(BaseModel):
+    """The service answers."""
+
+    status: Literal["ok", "ready"]

@@ -1,0 +1,82 @@
+"""The orchestrator as a service: opens what it needs, serves gRPC and REST, and closes in reverse."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+
+import grpc.aio
+
+from pretouch.channel import open_channel
+from pretouch.errors import PretouchError, Unavailable
+from pretouch.serving import Kit
+from pretouch.v1.orchestrator_pb2_grpc import add_OrchestratorServiceServicer_to_server
+from pretouch_orchestrator.grpc import SERVICE, OrchestratorServicer
+from pretouch_orchestrator.loop import Loop
+from pretouch_orchestrator.rest import rest_app
+from pretouch_orchestrator.rest_server import rest_serving
+from pretouch_orchestrator.services import GrpcDetector, GrpcGateway, GrpcRegistrar, Scenes
+from pretouch_orchestrator.sessions import Sessions
+from pretouch_orchestrator.settings import OrchestratorSettings
+from pretouch_orchestrator.sqlite import SqliteStore, open_store
+from pretouch_orchestrator.upstream import Upstream
+
+
+@asynccontextmanager
+async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
+    """Serves gRPC on `server` and REST beside it, with the settings of the environment.
+
+    Raises:
+        InvalidInput: a setting is missing or wrong.
+        Unavailable: the state directory or the REST port cannot be had.
+    """
+    settings = OrchestratorSettings.from_environment(os.environ)
+    async with AsyncExitStack() as stack:
+        store = await stack.enter_async_context(open_store(settings.state))
+
+        async def upstream(name: str, address: str) -> Upstream:
+            cert, key = (kit.settings.tls_cert, kit.settings.tls_key) if settings.tls_ca else (None, None)
+            channel = open_channel(address, kit.settings.token, settings.tls_ca, cert, key)
+            return Upstream(name, address, await stack.enter_async_context(channel))
+
+        detector = await upstream("detector", settings.detector)
+        registrar = await upstream("registrar", settings.registrar)
+        upstreams = [detector, registrar]
+        gateway = None
+        if settings.gateway is not None:
+            upstreams.append(await upstream("sensor gateway", settings.gateway))
+            gateway = GrpcGateway(upstreams[-1])
+        scenes = Scenes()
+        loop = Loop(GrpcDetector(detector, scenes), GrpcRegistrar(registrar, scenes))
+        sessions = Sessions(store, loop, gateway, kit)
+        stack.push_async_callback(sessions.close)
+        add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, kit), server)
+        app = rest_app(sessions, kit, _check_of(store, upstreams))
+        await stack.enter_async_context(rest_serving(app, settings, kit))
+        ending = asyncio.create_task(_end_streams_when_draining(sessions, kit))
+        stack.callback(ending.cancel)
+        yield (SERVICE,)
+
+
+def _check_of(store: SqliteStore, upstreams: Sequence[Upstream]) -> Callable[[], Awaitable[None]]:
+    async def check() -> None:
+        results = await asyncio.gather(
+            store.check(), *(upstream.check() for upstream in upstreams), return_exceptions=True
+        )
+        failures = [result for result in results if isinstance(result, BaseException)]
+        for failure in failures:
+            if not isinstance(failure, PretouchError):
+                raise failure
+        if failures:
+            raise Unavailable(
+                " ".join(str(failure) for failure in failures), "Start or mend what is named, then look again."
+            )
+
+    return check
+
+
+async def _end_streams_when_draining(sessions: Sessions, kit: Kit) -> None:
+    await kit.draining.wait()
+    sessions.end_streams()

@@ -1,0 +1,69 @@
+"""The orchestrator's own options, from the environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pretouch.errors import InvalidInput
+
+_PREFIX = "PRETOUCH_ORCHESTRATOR_"
+
+
+@dataclass(frozen=True)
+class OrchestratorSettings:
+    """Where REST is served, where sessions are kept, and where the other services are.
+
+    Attributes:
+        rest_port: 0 lets the system choose; the log names it.
+        state: the directory of the session store, made if need be.
+        detector, registrar: host:port.
+        gateway: host:port; None: robots send their samples themselves.
+        tls_ca: authority of the other services' certificates; given, they are called over TLS.
+    """
+
+    detector: str
+    registrar: str
+    state: Path
+    gateway: str | None = None
+    rest_host: str = "127.0.0.1"
+    rest_port: int = 8080
+    tls_ca: Path | None = None
+
+    @staticmethod
+    def from_environment(environment: Mapping[str, str]) -> OrchestratorSettings:
+        """Reads PRETOUCH_ORCHESTRATOR_{DETECTOR, REGISTRAR, STATE, GATEWAY, REST_HOST, REST_PORT, TLS_CA}.
+
+        Raises:
+            InvalidInput: DETECTOR, REGISTRAR or STATE is missing, or the port is none.
+        """
+
+        def needed(name: str) -> str:
+            if not environment.get(_PREFIX + name):
+                raise InvalidInput(f"{_PREFIX}{name} is not set.", f"Set it; {_MEANING[name]}.")
+            return environment[_PREFIX + name]
+
+        def given(name: str) -> str | None:
+            return environment.get(_PREFIX + name) or None
+
+        port = given("REST_PORT") or "8080"
+        if not (port.isascii() and port.isdigit() and int(port) < 65536):
+            raise InvalidInput(f"{_PREFIX}REST_PORT is {port!r}.", "Give a port from 1 to 65535, or 0 for a free one.")
+        ca = given("TLS_CA")
+        return OrchestratorSettings(
+            detector=needed("DETECTOR"),
+            registrar=needed("REGISTRAR"),
+            state=Path(needed("STATE")),
+            gateway=given("GATEWAY"),
+            rest_host=given("REST_HOST") or "127.0.0.1",
+            rest_port=int(port),
+            tls_ca=None if ca is None else Path(ca),
+        )
+
+
+_MEANING = {
+    "DETECTOR": "the detector's address as host:port",
+    "REGISTRAR": "the registrar's address as host:port",
+    "STATE": "a directory that the orchestrator may write its sessions to",
+}

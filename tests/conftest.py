@@ -1,0 +1,15 @@
+"""Fixtures that several suites share; this file also puts `tests/` on the path, where their helpers live."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from fake_upstream import FakeUpstream
+
+
+@pytest.fixture
+def upstream() -> Iterator[FakeUpstream]:
+    """Detector, registrar and gateway, fake and well."""
+    with FakeUpstream() as fakes:
+        yield fakes

@@ -1,0 +1,208 @@
+"""The store gives back what it was given, to the bit; it starts from any older file and refuses a newer one."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import box_view
+import fake_upstream
+import numpy as np
+import pytest
+from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sqlite import FILE_NAME, SqliteStore, migrations, open_store
+from pretouch_orchestrator.store import Event, KeyedRequest, NewEvent
+
+from pretouch.camera import DepthImage
+from pretouch.errors import NotFound, Unavailable
+from pretouch.geometry import Plane, Pose
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, State
+from pretouch.tof import Scan
+from pretouch.trajectory import Trajectory
+from pretouch.wire import json
+
+
+def a_record(session_id: str = "one") -> Record:
+    request = json.request_from_json(
+        box_view.request(
+            base_T_object=json.pose_to_json(Pose.from_rotation_vector([0.1, 0.2, 0.3], [0.45, 0.01, 0.02])),
+            sensor={"tip_T_module": [json.pose_to_json(Pose.from_rotation_vector([0, 0.7, 0], [0.001, 0, 1 / 3]))]},
+            roi=[10, 20, 300, 200],
+            proposer="random",
+        )
+    )
+    depth, mask = box_view.depth_and_mask()
+    whole = Scene(
+        DepthImage.from_values(depth, request.depth_scale),
+        request.camera,
+        request.base_T_camera,
+        mask > 0,
+        Plane(np.array([0.0, 0.1, 1.0]) / np.sqrt(1.01), -1e-3 / 3),
+    )
+    scene, origin = whole.cropped(0.05)
+    tip = np.stack([Pose.from_rotation_vector([0, 0.1 * k, 0.3], [k / 3, 0, 0.1]).matrix for k in range(4)])
+    return Record(
+        id=session_id,
+        created=1.7e9 + 1 / 3,
+        request=request,
+        scene=scene,
+        origin=origin,
+        proposer=Proposer.RANDOM,
+        regions=(Region("r1", RotatedRectangle(160.1, 120.2, 30, 20, 0.3), 0.9, 0.011),),
+        estimate=fake_upstream.estimate(scene, 1, 40, request.prior),
+        next_scan=ScanPlan("s2", "r1", Trajectory(np.arange(4) / 3, tip)),
+    )
+
+
+def after_a_scan(record: Record) -> Record:
+    beams = Scan(np.full((3, 3), 1 / 3), np.tile([0.0, 0.0, -1.0], (3, 1)), np.array([0.03, np.nan, 0.1 / 3]))
+    return replace(
+        record,
+        state=State.FAILED,
+        next_scan=None,
+        scans=(*record.scans, ScanSummary("s2", "r1", 3, 2, 0.1, 2.0, 0.01)),
+        measured=(*record.measured, beams),
+        skipped=("r7",),
+        answered=("s1", "s2"),
+        budget_used=BudgetUsed(1, 2.0, 0.1),
+        reason={"type": "urn:x", "status": 500},
+    )
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal to the bit, through dataclasses, tuples and arrays."""
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    if hasattr(a, "__dataclass_fields__"):
+        return type(a) is type(b) and all(same(getattr(a, f), getattr(b, f)) for f in a.__dataclass_fields__)
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+    return bool(a == b)
+
+
+@pytest.fixture
+async def store(tmp_path: Path) -> AsyncIterator[SqliteStore]:
+    async with open_store(tmp_path) as opened:
+        yield opened
+
+
+async def test_a_record_comes_back_to_the_bit_from_a_reopened_store(tmp_path: Path) -> None:
+    record = a_record()
+    async with open_store(tmp_path) as store:
+        await store.create(record, [], None)
+    async with open_store(tmp_path) as store:
+        assert same(await store.record("one"), record)
+        record = after_a_scan(record)
+        await store.update(record, [])
+    async with open_store(tmp_path) as store:
+        assert same(await store.record("one"), record)
+        assert json.session_to_json(await store.session("one")) == json.session_to_json(record.view())
+
+
+async def test_events_are_numbered_within_their_session(store: SqliteStore) -> None:
+    await store.create(a_record("one"), [NewEvent("session", {"n": 1}), NewEvent("estimate", {"n": 2})], None)
+    await store.create(a_record("two"), [NewEvent("session", {"n": 3})], None)
+    await store.update(after_a_scan(a_record("one")), [NewEvent("end", {"state": "failed"})])
+    assert await store.events("one", after=1) == [
+        Event("estimate", {"n": 2}, 2),
+        Event("end", {"state": "failed"}, 3),
+    ]
+    assert [event.id for event in await store.events("two", after=0)] == [1]
+
+
+async def test_a_step_that_fails_leaves_nothing_behind(store: SqliteStore) -> None:
+    record = a_record()
+    await store.create(record, [NewEvent("session", {})], None)
+    with pytest.raises(TypeError):
+        await store.update(after_a_scan(record), [NewEvent("scan", {}), NewEvent("end", {"not JSON": object()})])
+    assert same(await store.record("one"), record)
+    assert len(await store.events("one", after=0)) == 1
+
+
+async def test_an_idempotency_key_leads_to_one_session(store: SqliteStore) -> None:
+    key = KeyedRequest("k", "abc")
+    await store.create(a_record("one"), [], key)
+    assert await store.keyed("k") == (key, "one")
+    assert await store.keyed("other") is None
+    with pytest.raises(sqlite3.IntegrityError):
+        await store.create(a_record("two"), [], key)
+    with pytest.raises(NotFound):
+        await store.session("two")
+
+
+async def test_pages_go_from_the_newest_to_the_oldest(store: SqliteStore) -> None:
+    for name in "abcde":
+        await store.create(a_record(name), [], None)
+    seen, before = [], None
+    while True:
+        sessions, before = await store.page(2, before)
+        seen.append([session.id for session in sessions])
+        if before is None:
+            break
+    assert seen == [["e", "d"], ["c", "b"], ["a"]]
+
+
+async def test_unknown_sessions_are_not_found(store: SqliteStore) -> None:
+    for call in (store.record("x"), store.session("x"), store.events("x", 0), store.update(a_record("x"), [])):
+        with pytest.raises(NotFound):
+            await call
+
+
+async def test_a_second_orchestrator_is_kept_out(store: SqliteStore, tmp_path: Path) -> None:
+    with pytest.raises(Unavailable, match="Another orchestrator"):
+        async with open_store(tmp_path):
+            pass
+
+
+async def test_migrations_apply_one_by_one_to_the_same_tables(tmp_path: Path) -> None:
+    async with open_store(tmp_path / "new"):
+        pass
+    (tmp_path / "old").mkdir()
+    with sqlite3.connect(tmp_path / "old" / FILE_NAME) as old:
+        old.executescript(f"{migrations()[0]}; PRAGMA user_version = 1")
+    old.close()
+    async with open_store(tmp_path / "old") as store:
+        await store.create(a_record(), [], None)
+    schemas = []
+    for name in ("new", "old"):
+        db = sqlite3.connect(tmp_path / name / FILE_NAME)
+        schemas.append(db.execute("SELECT type, name, sql FROM sqlite_master ORDER BY name").fetchall())
+        assert db.execute("PRAGMA user_version").fetchone() == (len(migrations()),)
+        assert db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+        db.close()
+    assert schemas[0] == schemas[1]
+
+
+async def test_a_store_of_a_newer_version_is_refused_untouched(tmp_path: Path) -> None:
+    async with open_store(tmp_path):
+        pass
+    with sqlite3.connect(tmp_path / FILE_NAME) as db:
+        db.execute("PRAGMA user_version = 999")
+    db.close()
+    with pytest.raises(Unavailable, match="version 999"):
+        async with open_store(tmp_path):
+            pass
+
+
+async def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
+    (tmp_path / FILE_NAME).write_bytes(b"not a database" * 100)
+    with pytest.raises(Unavailable, match="cannot be used"):
+        async with open_store(tmp_path):
+            pass
+
+
+async def test_a_full_disk_is_unavailable_and_passes(store: SqliteStore, tmp_path: Path) -> None:
+    record = a_record()
+    await store.create(record, [], None)
+    pages = await store._writer.execute_fetchall("PRAGMA page_count")
+    await store._writer.execute_fetchall(f"PRAGMA max_page_count = {next(iter(pages))[0]}")
+    with pytest.raises(Unavailable, match="cannot be written"):
+        await store.create(a_record("two"), [], None)
+    await store._writer.execute_fetchall("PRAGMA max_page_count = 1073741823")
+    await store.create(a_record("two"), [], None)
+    assert same(await store.record("one"), record)
