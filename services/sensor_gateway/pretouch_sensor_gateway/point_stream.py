@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import suppress
 
 from pretouch.errors import InvalidInput
@@ -46,7 +46,7 @@ class PointStream:
         self._first = first
         self._requests = requests
 
-    async def batches(self, draining: asyncio.Event) -> AsyncIterator[tuple[Fused, int]]:
+    async def batches(self, draining: asyncio.Event) -> AsyncGenerator[tuple[Fused, int], None]:
         """What was fused and how many frames were lost, whenever there is any; ends with the last pose, or the service.
 
         Raises:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import AsyncIterator, Sequence
+from contextlib import aclosing
 from typing import Any
 
 from pretouch.errors import InvalidInput, NotFound, Unavailable
@@ -32,6 +33,7 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
         self, request: pb.StreamRangesRequest, context: Any
     ) -> AsyncIterator[pb.StreamRangesResponse]:
         with self._device(request.device).subscribed() as subscription:
+            await context.send_initial_metadata(())  # tells the client that from now on it misses nothing
             while True:
                 await subscription.changed.wait()
                 subscription.changed.clear()
@@ -50,9 +52,11 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
             raise InvalidInput("The call ended without a message.", "Send a first message that names the device.")
         device = self._device(first.device)
         with device.subscribed() as subscription:
+            await context.send_initial_metadata(())
             stream = PointStream(device, subscription, first, requests)
-            async for fused, lost in stream.batches(self._kit.draining):
-                yield points_to_proto(fused, lost)
+            async with aclosing(stream.batches(self._kit.draining)) as batches:
+                async for fused, lost in batches:
+                    yield points_to_proto(fused, lost)
             if self._kit.draining.is_set():
                 raise _stopping()
 

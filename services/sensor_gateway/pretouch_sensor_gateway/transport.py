@@ -153,6 +153,7 @@ class Link:
 def _read(port: Any) -> bytes:
     """What has come, waiting up to the read timeout for the first byte; b"" if nothing did."""
     data: bytes = port.read(1)
-    while data and len(data) < _MAX_READ and (waiting := port.in_waiting):
-        data += port.read(min(waiting, _MAX_READ - len(data)))
+    with suppress(*_PORT_ERRORS):  # what has come counts; the next read fails again
+        while data and len(data) < _MAX_READ and (waiting := port.in_waiting):
+            data += port.read(min(waiting, _MAX_READ - len(data)))
     return data
