@@ -54,7 +54,7 @@ class Call:
 
 
 class FakeUpstream:
-    """The three fakes behind one port of 127.0.0.1; `stop` and `start` keep the port.
+    """The three fakes behind one port of 127.0.0.1, over TLS with `credentials`; `stop` and `start` keep the port.
 
     Attributes:
         ready: names of the proposers that can be used.
@@ -62,7 +62,8 @@ class FakeUpstream:
         samples: what the gateway answers for any span of its device; empty unless the test sets it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, credentials: grpc.ServerCredentials | None = None) -> None:
+        self._credentials = credentials
         self.ready = {"stability", "narf", "random"}
         self.calls: list[Call] = []
         self.samples = RangeSamples(np.zeros(0), np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0), np.zeros(0))
@@ -91,7 +92,10 @@ class FakeUpstream:
         healthy = health.HealthServicer()
         healthy.set("", health_pb2.HealthCheckResponse.SERVING)
         health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
-        self._port = server.add_insecure_port(f"127.0.0.1:{self._port}")
+        if self._credentials is None:
+            self._port = server.add_insecure_port(self.address)
+        else:
+            self._port = server.add_secure_port(self.address, self._credentials)
         server.start()
         self._server = server
 

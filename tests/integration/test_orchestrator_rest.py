@@ -6,7 +6,6 @@ import io
 import json
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import box_view
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 from fake_upstream import FakeUpstream
 from processes import Orchestrator
+from rest_sessions import assert_problem, opened, scan_path, scanned
 
 from pretouch.geometry import Pose
 from pretouch.tof import RangeSamples
@@ -38,35 +38,6 @@ def orchestrator(tmp_path_factory: pytest.TempPathFactory, fakes: FakeUpstream) 
 def rest(orchestrator: Orchestrator) -> Iterator[httpx.Client]:
     with httpx.Client(base_url=orchestrator.rest_url, timeout=60) as client:
         yield client
-
-
-def opened(rest: httpx.Client, **changes: Any) -> dict[str, Any]:
-    """A new session with three scans before it converges."""
-    changes = {"budget": {"fraction": 1.0}} | changes
-    response = rest.post("/v1/sessions", files=box_view.multipart(**changes))
-    assert response.status_code == 201, response.text
-    return dict(response.json())
-
-
-def scan_path(session: dict[str, Any]) -> str:
-    return f"/v1/sessions/{session['id']}/scans/{session['next_scan']['scan_id']}"
-
-
-def scanned(rest: httpx.Client, session: dict[str, Any]) -> dict[str, Any]:
-    response = rest.post(scan_path(session), json=box_view.samples(session["next_scan"]))
-    assert response.status_code == 200, response.text
-    return dict(response.json())
-
-
-def assert_problem(response: httpx.Response, status: int, *words: str) -> None:
-    """A complete problem document of this status whose detail or remedy holds the words."""
-    assert response.status_code == status, response.text
-    assert response.headers["content-type"] == "application/problem+json"
-    problem = response.json()
-    assert problem["status"] == status
-    assert all(problem[member] for member in ("type", "title", "detail", "remedy")), problem
-    for word in words:
-        assert word in problem["detail"] + problem["remedy"], problem
 
 
 def test_a_session_runs_until_it_converges(rest: httpx.Client) -> None:

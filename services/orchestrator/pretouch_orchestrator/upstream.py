@@ -59,10 +59,9 @@ class Upstream:
             try:
                 return await method(request, timeout=started + deadline - now(), metadata=metadata)
             except grpc.aio.AioRpcError as failure:
-                error = self._explained(failure, deadline)
-                gave_up = now() + pause > started + min(PATIENCE, deadline)
-                if gave_up or not isinstance(error, Unavailable | Overloaded):
-                    raise error from failure
+                passing = isinstance(from_rpc_error(failure), Unavailable | Overloaded)
+                if not passing or now() + pause > started + min(PATIENCE, deadline):
+                    raise self._explained(failure, deadline) from failure
             await asyncio.sleep(pause * random.uniform(0.5, 1.0))
             pause = min(2 * pause, _LONGEST_PAUSE)
 

@@ -1,0 +1,118 @@
+"""A whole session on one gRPC stream."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Iterator
+from typing import Any
+
+import box_view
+import grpc
+import httpx
+import numpy as np
+import pytest
+from fake_upstream import FakeUpstream
+from processes import Orchestrator
+from rest_sessions import opened
+
+from pretouch.channel import open_sync_channel
+from pretouch.errors import PretouchError, from_rpc_error
+from pretouch.tof import RangeSamples
+from pretouch.v1 import orchestrator_pb2 as pb
+from pretouch.v1.orchestrator_pb2_grpc import OrchestratorServiceStub
+from pretouch.wire import json, session
+
+TIMEOUT = 60
+
+
+@pytest.fixture(scope="module")
+def orchestrator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Orchestrator]:
+    with FakeUpstream() as fakes, Orchestrator(tmp_path_factory.mktemp("state"), fakes.address) as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
+def stub(orchestrator: Orchestrator) -> Iterator[Any]:
+    with open_sync_channel(orchestrator.address) as channel:
+        yield OrchestratorServiceStub(channel)
+
+
+class Run:
+    """A RunSession call: `ask` sends a step and gives the session that comes back."""
+
+    def __init__(self, stub: Any) -> None:
+        self._steps: queue.Queue[pb.RunSessionRequest | None] = queue.Queue()
+        self._answers = stub.RunSession(iter(self._steps.get, None), timeout=TIMEOUT, wait_for_ready=True)
+
+    def ask(self, **step: Any) -> pb.Session:
+        self._steps.put(pb.RunSessionRequest(**step))
+        return next(self._answers).session
+
+    def end(self) -> list[Any]:
+        """Nothing more is asked; what still comes back."""
+        self._steps.put(None)
+        return list(self._answers)
+
+
+def creation() -> pb.CreateSessionRequest:
+    depth, mask = box_view.depth_and_mask()
+    return session.request_to_proto(json.request_from_json(box_view.request(budget={"fraction": 1.0})), depth, mask)
+
+
+def scan(answer: pb.Session) -> pb.SubmitScanRequest:
+    path = session.scan_plan_from_proto(answer.next_scan).path
+    n = len(path.t)
+    samples = RangeSamples(path.t, path.base_T_tip, np.full(n, 0.03), np.zeros(n), np.zeros(n))
+    return session.submission_to_proto("", answer.next_scan.scan_id, samples)
+
+
+def refused(run: Run, **step: Any) -> PretouchError:
+    with pytest.raises(grpc.RpcError) as error:
+        run.ask(**step)
+    return from_rpc_error(error.value)
+
+
+def test_a_session_runs_to_its_end_on_one_stream(stub: Any) -> None:
+    run = Run(stub)
+    answer = run.ask(create=creation())
+    while answer.HasField("next_scan"):
+        answer = run.ask(scan=scan(answer))
+    assert answer.state == pb.SESSION_STATE_CONVERGED
+    assert len(answer.scans) == 3
+    assert run.end() == []
+
+
+def test_a_stream_takes_up_a_session_that_rest_opened(stub: Any, orchestrator: Orchestrator) -> None:
+    with httpx.Client(base_url=orchestrator.rest_url, timeout=TIMEOUT) as rest:
+        opened_by_rest = opened(rest)
+        run = Run(stub)
+        answer = run.ask(session_id=opened_by_rest["id"])
+        assert answer.next_scan.scan_id == opened_by_rest["next_scan"]["scan_id"]
+        answer = run.ask(scan=scan(answer))
+        assert run.end() == []
+        now = rest.get(f"/v1/sessions/{answer.id}").json()
+    assert json.session_to_json(session.session_from_proto(answer)) == now
+
+
+def test_steps_out_of_order_are_refused(stub: Any) -> None:
+    answer = Run(stub).ask(create=creation())
+    assert "first" in refused(Run(stub), scan=scan(answer)).remedy
+    assert "first" in refused(Run(stub)).remedy
+    run = Run(stub)
+    run.ask(session_id=answer.id)
+    assert "create" in refused(run, create=creation()).detail
+    run = Run(stub)
+    run.ask(session_id=answer.id)
+    foreign = scan(answer)
+    foreign.session_id = "another"
+    assert "another" in refused(run, scan=foreign).detail
+    assert "nobody" in refused(Run(stub), session_id="nobody").detail
+
+
+def test_a_stream_that_waits_for_a_scan_ends_when_the_service_stops(stub: Any, orchestrator: Orchestrator) -> None:
+    run = Run(stub)
+    answer = run.ask(create=creation())
+    assert orchestrator.stop() == 0
+    assert run.end() == []
+    orchestrator.start()
+    assert Run(stub).ask(session_id=answer.id) == answer

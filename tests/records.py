@@ -1,0 +1,67 @@
+"""Session records with every member set, with numbers that no rounding leaves alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import box_view
+import fake_upstream
+import numpy as np
+from pretouch_orchestrator.record import Record
+
+from pretouch.camera import DepthImage
+from pretouch.errors import Internal, problem
+from pretouch.geometry import Plane, Pose
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, State
+from pretouch.tof import Scan
+from pretouch.trajectory import Trajectory
+from pretouch.wire import json
+
+
+def a_record(session_id: str = "one") -> Record:
+    request = json.request_from_json(
+        box_view.request(
+            base_T_object=json.pose_to_json(Pose.from_rotation_vector([0.1, 0.2, 0.3], [0.45, 0.01, 0.02])),
+            sensor={"tip_T_module": [json.pose_to_json(Pose.from_rotation_vector([0, 0.7, 0], [0.001, 0, 1 / 3]))]},
+            roi=[10, 20, 300, 200],
+            proposer="random",
+        )
+    )
+    depth, mask = box_view.depth_and_mask()
+    whole = Scene(
+        DepthImage.from_values(depth, request.depth_scale),
+        request.camera,
+        request.base_T_camera,
+        mask > 0,
+        Plane(np.array([0.0, 0.1, 1.0]) / np.sqrt(1.01), -1e-3 / 3),
+    )
+    scene, origin = whole.cropped(0.05)
+    tip = np.stack([Pose.from_rotation_vector([0, 0.1 * k, 0.3], [k / 3, 0, 0.1]).matrix for k in range(4)])
+    return Record(
+        id=session_id,
+        created=1.7e9 + 1 / 3,
+        request=request,
+        scene=scene,
+        origin=origin,
+        proposer=Proposer.RANDOM,
+        regions=(Region("r1", RotatedRectangle(160.1, 120.2, 30, 20, 0.3), 0.9, 0.011),),
+        estimate=fake_upstream.estimate(scene, 1, 40, request.prior),
+        next_scan=ScanPlan("s2", "r1", Trajectory(np.arange(4) / 3, tip)),
+    )
+
+
+def after_a_scan(record: Record) -> Record:
+    beams = Scan(np.full((3, 3), 1 / 3), np.tile([0.0, 0.0, -1.0], (3, 1)), np.array([0.03, np.nan, 0.1 / 3]))
+    return replace(
+        record,
+        state=State.FAILED,
+        next_scan=None,
+        scans=(*record.scans, ScanSummary("s2", "r1", 3, 2, 0.1, 2.0, 0.01)),
+        measured=(*record.measured, beams),
+        skipped=("r7",),
+        answered=("s1", "s2"),
+        budget_used=BudgetUsed(1, 2.0, 0.1),
+        reason=problem(Internal("a defect", "report it")),
+    )
