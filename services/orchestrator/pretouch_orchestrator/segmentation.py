@@ -131,6 +131,7 @@ def _standing(depth: NDArray[np.float32], points: Array, table: Plane, area: Pix
     labels = clusters(depth, without_flying(depth, above))
     table_T_camera = table.frame().inverse()
     outline = _outline(table_T_camera.apply(points)[..., :2], (depth > 0) & (np.abs(heights) < 3 * std + 0.002))
+    pixels: Pixels
     for label in range(1, min(int(labels.max()), _CONSIDERED) + 1):
         pixels = labels == label
         if pixels.sum() < MIN_OBJECT_PIXELS:

@@ -1,0 +1,79 @@
+"""How low the fingertip may go: the believed surface, widened and raised by what the estimate leaves uncertain."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from pretouch.estimate import Estimate
+from pretouch.geometry import Array, Pose
+from pretouch_orchestrator.heightmap import HeightMap
+
+FINGER_RADIUS = 0.010
+"""m around the beam that the finger takes up."""
+CLOSEST = 0.005
+"""m from object or table that the tip does not come within, but for one scan in a thousand."""
+_SIGMAS = 3.0
+"""The standoff from the believed surface is kept up to this many standard deviations of the estimate."""
+_SAFE_SIGMAS = 4.0
+"""CLOSEST is kept up to this many. Over all places of a scan at once, the table's three degrees of freedom exceed it
+upwards with at most P(chi2_3 > 16) / 2 = 0.06 %, and sideways with P(chi2_2 > 16) = 0.03 %: 0.1 % together."""
+_DISC_STEPS = 6
+
+
+def table_covariance(base_T_table: Pose, estimate: Estimate) -> Array:
+    """The estimate's covariance 6x6 in the axes of the table as presently corrected; `base_T_table` before that."""
+    turn = (estimate.base_T_correction.rotation @ base_T_table.rotation).T
+    both = np.kron(np.eye(2), turn)
+    return np.asarray(both @ estimate.covariance @ both.T, dtype=np.float64)
+
+
+def vertical_std(covariance: Array, x: Array, y: Array) -> Array:
+    """m: how far up or down a point at (x, y), m, from the centroid may be; covariance in the table's axes.
+
+    An error (w, d) lifts the point by d_z + w_x y - w_y x.
+    """
+    x, y = np.broadcast_arrays(x, y)
+    lift = np.stack([y, -x, np.zeros_like(x), np.zeros_like(x), np.zeros_like(x), np.ones_like(x)], axis=-1)
+    return np.asarray(np.sqrt(np.maximum(((lift @ covariance) * lift).sum(axis=-1), 0.0)), dtype=np.float64)
+
+
+def lateral_std(covariance: Array, arms: Array) -> float:
+    """m: how far to the worst side the worst of points with `arms` (n, 3), m, from the centroid may be.
+
+    An error (w, d) shifts a point sideways by (d_x + w_y z - w_z y, d_y + w_z x - w_x z).
+    """
+    x, y, z = arms.T
+    o, i = np.zeros_like(x), np.ones_like(x)
+    shift = np.stack([np.stack([o, z, -y, i, o, o], axis=-1), np.stack([-z, o, x, o, i, o], axis=-1)], axis=1)
+    largest = np.linalg.eigvalsh(shift @ covariance @ shift.swapaxes(1, 2))[:, -1].max()
+    return float(np.sqrt(max(largest, 0.0)))
+
+
+def reach_of(lateral: float) -> float:
+    """m: how far around the beam the surface counts when a point may be `lateral` m, one sigma, to a side."""
+    return max(FINGER_RADIUS + _SIGMAS * lateral, CLOSEST + _SAFE_SIGMAS * lateral)
+
+
+def lowest_tip(height_map: HeightMap, estimate: Estimate, reach: float, standoff: float) -> Array:
+    """The lowest allowed height of the tip, (nx, ny), m in the table's frame, over each cell of the map.
+
+    It is at least `standoff` above the highest believed point within `reach` m plus three sigma of that point's height,
+    and at least CLOSEST above it plus four sigma.
+    """
+    covariance = table_covariance(height_map.base_T_table, estimate)
+    x, y = height_map.places()
+    cx, cy, _ = height_map.base_T_table.inverse().apply(estimate.centroid)
+    sigma = vertical_std(covariance, x - cx, y - cy)
+    tip = height_map.believed + np.maximum(standoff + _SIGMAS * sigma, CLOSEST + _SAFE_SIGMAS * sigma)
+    return _highest_within(tip, reach / height_map.cell)
+
+
+def _highest_within(values: Array, radius: float) -> Array:
+    """The maximum over a disc of `radius` cells or slightly more: over the boxes that together just cover the disc."""
+    highest = values
+    angles = np.linspace(0.0, np.pi / 2, _DISC_STEPS + 1)
+    for cosine, sine in zip(np.cos(angles[:-1]), np.sin(angles[1:]), strict=True):
+        size = [2 * int(np.ceil(radius * side)) + 1 for side in (cosine, sine)]
+        highest = np.maximum(highest, ndimage.maximum_filter(values, size=size, mode="nearest"))
+    return highest

@@ -1,0 +1,132 @@
+"""A session from its opening to its end: what is computed here, what is asked of the other services, in which order."""
+
+from __future__ import annotations
+
+import asyncio
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.camera import DepthImage
+from pretouch.errors import PretouchError
+from pretouch.estimate import from_prior
+from pretouch.scene import Scene
+from pretouch.session import Points, Region, ScanPlan, SessionRequest, Skipped, State
+from pretouch.tof import RangeSamples
+from pretouch.trajectory import Trajectory
+from pretouch_orchestrator.path import plan_paths
+from pretouch_orchestrator.ports import Detector, Registrar
+from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.segmentation import find_object
+from pretouch_orchestrator.transitions import (
+    awaited,
+    ended,
+    has_converged,
+    measured,
+    open_regions,
+    passed_over,
+    planned,
+    used,
+)
+
+_MARGIN = 0.08
+"""m around the object that the services get to see, besides three standard deviations of the prior."""
+_MAX_REGIONS = 20
+
+
+class Loop:
+    """Drives sessions; holds none. Records are never changed: each step answers a new one."""
+
+    def __init__(self, detector: Detector, registrar: Registrar) -> None:
+        self._detector = detector
+        self._registrar = registrar
+
+    async def open(
+        self, id: str, created: float, request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
+    ) -> Record:
+        """A new session with its first scan planned; it may have ended already.
+
+        Args:
+            created: s since the Unix epoch.
+            depth: the client's depth image, (h, w).
+            mask: (h, w), True on the object; None: it is looked for.
+
+        Raises:
+            InvalidInput: no depth, no object, no table, or a mask or roi that does not fit.
+            PretouchError: what detector or registrar raised.
+        """
+        scene, origin = await asyncio.to_thread(_view, request, depth, mask)
+        seed = zlib.crc32(scene.depth.metres.tobytes())
+        proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)
+        estimate = await asyncio.to_thread(from_prior, request.prior, scene.cloud)
+        regions = tuple(
+            Region(f"region-{k}", region.rectangle.shifted(*origin), region.confidence, estimate.expected_error)
+            for k, region in enumerate(proposed[:_MAX_REGIONS], start=1)
+        )
+        return await self._go_on(Record(id, created, request, scene, origin, proposer, regions, estimate))
+
+    def check(self, record: Record, scan_id: str) -> ScanPlan:
+        """The plan that waits for `scan_id`.
+
+        Raises:
+            Conflict: the session has ended.
+            NotFound: no such scan is planned.
+        """
+        return awaited(record, scan_id)
+
+    async def advance(self, record: Record, scan_id: str, submission: RangeSamples | Points | Skipped) -> Record:
+        """The session after its planned scan was answered; as it is if `scan_id` was answered before.
+
+        Raises:
+            Conflict: the session has ended.
+            NotFound: no such scan is planned.
+            InvalidInput: the scan is empty or does not fit the sensor; the session is as it was.
+            PretouchError: what the registrar raised; the session is as it was.
+        """
+        if scan_id in record.answered:
+            return record
+        plan = awaited(record, scan_id)
+        if isinstance(submission, Skipped):
+            return await self._go_on(passed_over(record, plan))
+        scan, request = measured(record, submission), record.request
+        scans = (*record.measured, scan)
+        estimate = await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+        return await self._go_on(await asyncio.to_thread(used, record, plan, submission, scan, estimate))
+
+    def cancel(self, record: Record) -> Record:
+        """The session, cancelled unless it has ended."""
+        return ended(record, State.CANCELLED)
+
+    def fail(self, record: Record, error: PretouchError) -> Record:
+        """The session, failed for `error` unless it has ended."""
+        return ended(record, State.FAILED, error)
+
+    async def _go_on(self, record: Record) -> Record:
+        """Ends the session or plans its next scan."""
+        if has_converged(record):
+            return ended(record, State.CONVERGED)
+        paths = await asyncio.to_thread(_paths, record)
+        if not paths:
+            return ended(record, State.EXHAUSTED)
+        request = record.request
+        expected_errors = await self._registrar.predict(
+            record.scene, record.measured, request.prior, request.sensor, list(paths.values())
+        )
+        return await asyncio.to_thread(planned, record, paths, expected_errors)
+
+
+def _view(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None) -> tuple[Scene, tuple[int, int]]:
+    """The part of the client's view that matters, and its first pixel (u0, v0)."""
+    scene = find_object(depth, request.camera, request.base_T_camera, request.roi, mask, request.table)
+    prior = request.prior
+    return scene.cropped(_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * scene.radius)))
+
+
+def _paths(record: Record) -> dict[str, Trajectory]:
+    """The paths of the open regions whose perimeter comes over the object, by region id."""
+    regions = open_regions(record)
+    u0, v0 = record.origin
+    rectangles = [region.rectangle.shifted(-u0, -v0) for region in regions]
+    paths = plan_paths(record.scene, rectangles, record.estimate, record.request.scan) if regions else []
+    return {region.id: path for region, path in zip(regions, paths, strict=True) if path is not None}

@@ -1,0 +1,143 @@
+"""From a rectangle in the depth image to a path of the fingertip over the object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pretouch.estimate import Estimate
+from pretouch.geometry import Array, Pose
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch.session import ScanSettings
+from pretouch.trajectory import Trajectory
+from pretouch_orchestrator.envelope import lateral_std, lowest_tip, reach_of, table_covariance
+from pretouch_orchestrator.heightmap import HeightMap, height_map
+
+_WORTHWHILE = 0.015
+"""m from the object, over the ground, beyond which a path teaches little."""
+_TABLE_BAND = 0.015
+"""m from the table's plane within which a pixel beside the object shows the table."""
+_OCCLUDERS = 0.06
+"""m beyond the path's reach that are looked at for things that cast a shadow."""
+_SMOOTHED = 5
+"""Perimeter pixels averaged: depth noise would make the path zigzag."""
+_MAX_PERIMETER = 4000
+"""Pixels along a perimeter that are looked at."""
+_WAYPOINT_SPACING = 0.006
+_MAX_WAYPOINTS = 180
+_HEIGHT_STEP = 0.001
+"""m: heights are rounded up to it, so that a flat top is flown over level."""
+_SPEED_MARGIN = 0.999
+"""Share of the speed limit that is used, so that rounded numbers keep the limit too."""
+
+
+def plan_paths(
+    scene: Scene, rectangles: Sequence[RotatedRectangle], estimate: Estimate, settings: ScanSettings
+) -> list[Trajectory | None]:
+    """A path of the fingertip along each rectangle's perimeter.
+
+    Over the ground the path follows the surface points that the perimeter's pixels show, as presently corrected, in
+    straight lines over pixels that show neither object nor table and over depth jumps; stretches far from the object
+    are cut off. Its height keeps clear of all that the camera saw or cannot have seen (`envelope`).
+
+    Args:
+        scene: the view; `rectangles` are in its pixels.
+        estimate: the present one.
+
+    Returns:
+        For each rectangle tip poses in base, the beam opposite to the corrected table's normal, from t = 0 on; None
+        where the perimeter never comes over the object.
+    """
+    base_T_table = scene.table.frame()
+    points = base_T_table.inverse().apply(scene.organised)
+    reach = _reach(points[scene.mask], base_T_table, estimate)
+    surface = height_map(scene, _WORTHWHILE + reach + _OCCLUDERS)
+    floor = lowest_tip(surface, estimate, reach + 2 * surface.cell, settings.standoff)
+    shown = (scene.depth.metres > 0) & (scene.mask | (np.abs(points[..., 2]) < _TABLE_BAND))
+    paths: list[Trajectory | None] = []
+    for rectangle in rectangles:
+        ground = _ground_path(rectangle, points[..., :2], shown, surface)
+        path = None
+        if ground is not None:
+            path = _timed(_raised(ground, floor, surface), estimate.base_T_correction @ base_T_table, settings.speed)
+        paths.append(path)
+    return paths
+
+
+def _reach(body: Array, base_T_table: Pose, estimate: Estimate) -> float:
+    """m around the beam that heights count; `body` (n, 3), m, the object's points in the table's frame."""
+    low, high = body.min(axis=0) - _WORTHWHILE, body.max(axis=0) + _WORTHWHILE
+    corners = np.stack(np.meshgrid(*np.stack([low, high], axis=1)), axis=-1).reshape(-1, 3)
+    arms = corners - base_T_table.inverse().apply(estimate.centroid)
+    return reach_of(lateral_std(table_covariance(base_T_table, estimate), arms))
+
+
+def _ground_path(
+    rectangle: RotatedRectangle, places: Array, shown: NDArray[np.bool_], surface: HeightMap
+) -> Array | None:
+    """The perimeter's useful part over the ground: (n, 2), m, in the table's frame, evenly spaced.
+
+    Args:
+        places: (h, w, 2), m: what lies at each pixel, seen from above.
+        shown: (h, w): pixels that show object or table.
+    """
+    spacing = max(1.0, 2 * (rectangle.w + rectangle.h) / _MAX_PERIMETER)
+    pixels = np.round(rectangle.perimeter(spacing)[:-1]).astype(np.intp)
+    h, w = shown.shape
+    u, v = pixels.clip(0, (w - 1, h - 1)).T
+    inside = (pixels == np.stack([u, v], axis=1)).all(axis=1)
+    known = np.flatnonzero(inside & shown[v, u])
+    if len(known) == 0:
+        return None
+    steps = np.arange(len(pixels))
+    corners = places[v[known], u[known]]
+    loop = np.stack([np.interp(steps, known, corners[:, k], period=len(steps)) for k in (0, 1)], axis=1)
+    loop = ndimage.uniform_filter1d(loop, _SMOOTHED, axis=0, mode="wrap")
+    away = surface.object_distance[surface.index(loop)]
+    if away.min() > 2 * surface.cell:
+        return None
+    line = _opened(loop, away <= _WORTHWHILE)
+    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    count = int(np.clip(np.ceil(travelled[-1] / _WAYPOINT_SPACING), 0, _MAX_WAYPOINTS))
+    if count == 0:
+        return None
+    at = np.linspace(0.0, travelled[-1], count + 1)
+    return np.stack([np.interp(at, travelled, line[:, k]) for k in (0, 1)], axis=1)
+
+
+def _opened(loop: Array, near: NDArray[np.bool_]) -> Array:
+    """The loop's points (m, 2) that are `near`, in order, from behind the widest gap on; all of it, closed, if all are.
+
+    Gaps are crossed straight.
+    """
+    starts = np.flatnonzero(near & ~np.roll(near, 1))
+    if len(starts) == 0:
+        return np.concatenate([loop, loop[:1]])
+    ends = np.flatnonzero(near & ~np.roll(near, -1))
+    last = ends[np.searchsorted(ends, starts) - 1]
+    first = starts[np.argmax(np.linalg.norm(loop[starts] - loop[last], axis=1))]
+    return np.roll(loop, -first, axis=0)[np.roll(near, -first)]
+
+
+def _raised(ground: Array, floor: Array, surface: HeightMap) -> Array:
+    """The path (n, 3), m, in the table's frame: over `ground` (n, 2), its straight lines nowhere below `floor`."""
+    longest = float(np.linalg.norm(np.diff(ground, axis=0), axis=1).max())
+    shares = np.linspace(0.0, 1.0, int(np.ceil(longest / surface.cell)) + 1)[:, None, None]
+    lines = floor[surface.index((1 - shares) * ground[:-1] + shares * ground[1:])].max(axis=0)
+    heights = np.maximum(np.append(lines, lines[-1]), np.insert(lines, 0, lines[0]))
+    return np.column_stack([ground, np.ceil(heights / _HEIGHT_STEP) * _HEIGHT_STEP])
+
+
+def _timed(nodes: Array, base_T_map: Pose, speed: float) -> Trajectory:
+    """The path through `nodes` (n, 3), m, in the map's frame, as fast as allowed; the beam against the map's z."""
+    lengths = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    moved = np.insert(lengths > 1e-6, 0, True)
+    poses = np.tile(np.eye(4), (int(moved.sum()), 1, 1))
+    poses[:, :3, :3] = base_T_map.rotation @ np.diag([1.0, -1.0, -1.0])
+    poses[:, :3, 3] = base_T_map.apply(nodes[moved])
+    travelled = np.insert(np.cumsum(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)), 0, 0.0)
+    return Trajectory(travelled / (_SPEED_MARGIN * speed), poses)

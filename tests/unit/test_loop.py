@@ -1,0 +1,424 @@
+"""A session, driven in memory against a finger that scans the true world and services that answer by formula."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from pretouch_orchestrator.loop import Loop
+from pretouch_orchestrator.ports import ProposedRegion
+from pretouch_orchestrator.record import Record
+from scenes import Box, View, World
+
+from pretouch.errors import Conflict, Internal, InvalidInput, NotFound, Unavailable
+from pretouch.estimate import Estimate, Prior, from_prior, point_error
+from pretouch.geometry import Plane, Pose
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch.session import (
+    Budget,
+    Planner,
+    Points,
+    Proposer,
+    ScanSettings,
+    SessionRequest,
+    Skipped,
+    State,
+    Tolerance,
+)
+from pretouch.tof import RangeSamples, Scan, Sensor
+from pretouch.trajectory import Trajectory
+
+WORLD = World((Box.standing((0.09, 0.07, 0.05), (0.01, 0.0), 0.4), Box.standing((0.04, 0.04, 0.03), (0.0, 0.15))))
+CORRECTION = Pose.from_rotation_vector((0.01, -0.02, 0.03), (0.008, -0.006, 0.01))
+TRUTH = WORLD.moved(CORRECTION)
+VIEW = View()
+DEPTH, MASK = WORLD.depth(VIEW)
+TABLE = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+
+
+class RandomDetector:
+    """Rectangles about the object, confidences falling; `count` of them."""
+
+    def __init__(self, count: int = 8) -> None:
+        self.count = count
+        self.scene: Scene | None = None
+
+    async def propose(
+        self, scene: Scene, proposer: Proposer | None, sensor: Sensor, seed: int
+    ) -> tuple[Proposer, list[ProposedRegion]]:
+        self.scene = scene
+        rng = np.random.default_rng(seed)
+        u0, v0, u1, v1 = scene.bounds()
+        regions = []
+        for k in range(self.count):
+            x, y = rng.uniform((u0, v0), (u1, v1))
+            w, h = rng.uniform(0.4, 0.9, 2) * (u1 - u0, v1 - v0)
+            regions.append(ProposedRegion(RotatedRectangle(x, y, w, h, rng.uniform(-1.5, 1.5)), 1 - k / 100))
+        return proposer or Proposer.RANDOM, regions
+
+
+class FormulaRegistrar:
+    """Knows the correction; each return shrinks the prior's deviations, and long paths are predicted to tell more."""
+
+    def __init__(self, gain: float = 0.05) -> None:
+        self.gain = gain
+        self.down = False
+
+    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+        if self.down:
+            raise Unavailable("The registrar is away.", "Wait.")
+        returns = sum(int(scan.returned.sum()) for scan in scans)
+        if returns == 0:
+            return from_prior(prior, scene.cloud)
+        covariance = prior.covariance() / (1 + self.gain * returns) ** 2
+        about = Pose.of(CORRECTION.rotation, CORRECTION.translation)
+        expected, quantile = point_error(covariance, about.apply(scene.cloud), about.apply(scene.centroid))
+        return Estimate(about, scene.centroid, covariance, expected, float(quantile[0]), samples=returns)
+
+    async def predict(
+        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
+    ) -> list[float]:
+        present = (await self.register(scene, scans, prior, sensor)).expected_error
+        return [present / (1 + path.length) for path in candidates]
+
+
+def asked(**changes: object) -> SessionRequest:
+    return replace(SessionRequest(VIEW.camera, VIEW.base_T_camera, table=TABLE), **changes)
+
+
+def opened(loop: Loop, request: SessionRequest) -> Record:
+    return asyncio.run(loop.open("s", 0.0, request, DEPTH, MASK))
+
+
+def answer(loop: Loop, record: Record, submission: RangeSamples | Points | Skipped) -> Record:
+    assert record.next_scan is not None
+    return asyncio.run(loop.advance(record, record.next_scan.scan_id, submission))
+
+
+def samples_of(record: Record) -> RangeSamples:
+    assert record.next_scan is not None
+    return TRUTH.scanned(record.next_scan.path, record.request.sensor)
+
+
+def misses(n: int, span: float = 1.0) -> RangeSamples:
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    return RangeSamples(np.linspace(0, span, n), poses, np.full(n, np.nan), np.full(n, 7), np.zeros(n, dtype=int))
+
+
+def run(loop: Loop, request: SessionRequest) -> Record:
+    record = opened(loop, request)
+    while not record.state.ended:
+        record = answer(loop, record, samples_of(record))
+    return record
+
+
+def test_a_session_converges_on_the_correction() -> None:
+    record = run(Loop(RandomDetector(), FormulaRegistrar()), asked())
+    assert record.state is State.CONVERGED
+    assert record.next_scan is None
+    assert record.estimate.error_quantile <= record.request.tolerance.error
+    assert record.estimate.base_T_correction.is_close(CORRECTION)
+    assert record.budget_used.scans == len(record.scans) == len(record.measured) > 0
+    assert record.budget_used.seconds == pytest.approx(sum(scan.duration for scan in record.scans))
+    assert 0 < record.budget_used.fraction <= record.request.budget.fraction
+    assert all(0 < scan.returns <= scan.samples for scan in record.scans)
+
+
+def test_a_new_session_waits_for_its_first_scan_with_the_prior_as_its_estimate() -> None:
+    detector = RandomDetector()
+    record = opened(Loop(detector, FormulaRegistrar()), asked(proposer=Proposer.NARF, budget=Budget(fraction=1.0)))
+    assert record.state is State.AWAITING_SCAN
+    assert record.proposer is Proposer.NARF
+    assert record.next_scan is not None
+    assert record.next_scan.path.t[0] == 0
+    assert record.estimate.base_T_correction.is_close(Pose.identity())
+    assert all(region.expected_error < record.estimate.expected_error for region in record.regions)
+    chosen = next(region for region in record.regions if region.id == record.next_scan.region_id)
+    assert chosen.expected_error == pytest.approx(min(r.expected_error for r in record.regions), abs=1.1e-4)
+
+
+def test_services_see_the_object_and_its_surroundings_only_and_regions_are_in_the_clients_pixels() -> None:
+    detector = RandomDetector()
+    record = opened(Loop(detector, FormulaRegistrar()), asked())
+    assert detector.scene is record.scene
+    u0, v0 = record.origin
+    h, w = record.scene.mask.shape
+    assert h * w < MASK.size
+    np.testing.assert_array_equal(record.scene.mask, MASK[v0 : v0 + h, u0 : u0 + w])
+    v, u = np.nonzero(MASK)
+    for region in record.regions:
+        assert u.min() <= region.rectangle.x <= u.max() + 1
+        assert v.min() <= region.rectangle.y <= v.max() + 1
+
+
+def test_the_confidence_planner_keeps_the_proposers_order() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar(gain=1e-4))
+    record = run(loop, asked(planner=Planner.CONFIDENCE, budget=Budget(scans=4, seconds=1000, fraction=1.0)))
+    assert record.state is State.EXHAUSTED
+    assert [scan.region_id for scan in record.scans] == ["region-1", "region-2", "region-3", "region-4"]
+
+
+def test_the_object_is_found_when_no_mask_is_sent() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar())
+    record = asyncio.run(loop.open("s", 0.0, asked(table=None), DEPTH, None))
+    u0, v0 = record.origin
+    h, w = record.scene.mask.shape
+    found = np.zeros_like(MASK)
+    found[v0 : v0 + h, u0 : u0 + w] = record.scene.mask
+    assert (found & MASK).sum() / (found | MASK).sum() > 0.85
+
+
+@pytest.mark.parametrize(
+    "budget",
+    [Budget(scans=2), Budget(seconds=9.0), Budget(fraction=0.25, scans=1000), Budget(seconds=0.1)],
+)
+def test_no_scan_is_planned_beyond_a_budget(budget: Budget) -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar(gain=1e-4))
+    record = run(loop, asked(budget=budget))
+    assert record.state is State.EXHAUSTED
+    assert record.budget_used.scans <= budget.scans
+    assert record.budget_used.seconds <= budget.seconds
+    assert record.budget_used.fraction <= budget.fraction + 0.02
+
+
+def test_a_session_with_nothing_to_scan_is_exhausted_at_once() -> None:
+    record = opened(Loop(RandomDetector(count=0), FormulaRegistrar()), asked())
+    assert record.state is State.EXHAUSTED
+    assert record.next_scan is None
+
+
+def test_a_session_whose_prior_is_good_enough_has_converged_at_once() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar())
+    request = asked(prior=Prior(1e-4, 1e-3), budget=Budget(seconds=0.01))
+    assert opened(loop, request).state is State.CONVERGED
+
+
+def test_a_session_converges_even_with_the_scan_that_spends_its_budget() -> None:
+    record = run(Loop(RandomDetector(), FormulaRegistrar(gain=10)), asked(budget=Budget(scans=1)))
+    assert record.state is State.CONVERGED
+
+
+def test_the_tolerances_own_confidence_decides() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar(gain=1e-9))
+    prior = Prior(0.001, 0.005)
+    scene = opened(loop, asked(prior=prior)).scene
+    _, (low, middle, high) = point_error(prior.covariance(), scene.cloud, scene.centroid, (0.5, 0.95, 0.99))
+    for confidence, limit in ((0.5, low), (0.95, middle), (0.99, high)):
+        for factor, state in ((1.001, State.CONVERGED), (0.999, State.AWAITING_SCAN)):
+            tolerance = Tolerance(float(limit * factor), confidence)
+            assert opened(loop, asked(prior=prior, tolerance=tolerance)).state is state
+
+
+def test_all_misses_are_a_scan_and_evidence() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar())
+    record = answer(loop, opened(loop, asked()), misses(30))
+    assert record.state is State.AWAITING_SCAN
+    assert record.budget_used.scans == 1
+    assert record.budget_used.fraction == 0
+    assert record.scans[0].samples == 30
+    assert record.scans[0].returns == 0
+    assert len(record.measured[0]) == 30
+
+
+def test_a_robot_may_send_points() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar())
+    record = opened(loop, asked())
+    points = samples_of(record).beams(record.request.sensor).points()
+    by_points = answer(loop, record, Points(points))
+    by_samples = answer(loop, record, samples_of(record))
+    assert by_points.estimate.expected_error == by_samples.estimate.expected_error
+    assert by_points.scans[0].samples == by_points.scans[0].returns == len(points)
+    assert by_points.budget_used.fraction == by_samples.budget_used.fraction
+
+
+def test_a_scan_that_took_longer_than_planned_costs_what_it_took() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar())
+    record = answer(loop, opened(loop, asked()), misses(5, span=60.0))
+    assert record.budget_used.seconds == record.scans[0].duration == 60.0
+
+
+def test_a_skipped_scan_is_neither_scan_nor_evidence_and_its_region_is_not_planned_again() -> None:
+    loop = Loop(RandomDetector(count=4), FormulaRegistrar())
+    record = opened(loop, asked())
+    first = record
+    tried = []
+    while not record.state.ended:
+        assert record.next_scan is not None
+        tried.append(record.next_scan.region_id)
+        record = answer(loop, record, Skipped(samples_of(record)))
+    assert record.state is State.EXHAUSTED
+    assert sorted(tried) == sorted(region.id for region in record.regions)
+    assert record.budget_used == first.budget_used
+    assert record.estimate is first.estimate
+    assert record.scans == record.measured == ()
+    assert record.skipped == tuple(tried)
+
+
+@pytest.mark.parametrize(
+    "nothing",
+    [misses(0), Points(np.zeros((0, 3))), replace(misses(3), module=np.ones(3, dtype=int))],
+    ids=["no samples", "no points", "no such module"],
+)
+def test_an_unusable_scan_leaves_the_session_as_it_was(nothing: RangeSamples | Points) -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar())
+    record = opened(loop, asked())
+    with pytest.raises(InvalidInput):
+        answer(loop, record, nothing)
+    assert answer(loop, record, samples_of(record)).budget_used.scans == 1
+
+
+def test_a_registrar_that_is_away_leaves_the_session_as_it_was() -> None:
+    registrar = FormulaRegistrar()
+    loop = Loop(RandomDetector(), registrar)
+    record = opened(loop, asked())
+    registrar.down = True
+    with pytest.raises(Unavailable):
+        answer(loop, record, samples_of(record))
+    registrar.down = False
+    assert answer(loop, record, samples_of(record)).budget_used.scans == 1
+
+
+def test_scan_ids_unknown_answered_and_late() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar())
+    record = opened(loop, asked())
+    first = record.next_scan
+    assert first is not None
+    with pytest.raises(NotFound):
+        asyncio.run(loop.advance(record, "nonsense", misses(3)))
+    assert loop.check(record, first.scan_id) is first
+    after = answer(loop, record, samples_of(record))
+    assert after.next_scan is not None
+    assert after.next_scan.scan_id != first.scan_id
+    assert asyncio.run(loop.advance(after, first.scan_id, misses(0))) is after
+    cancelled = loop.cancel(after)
+    assert cancelled.state is State.CANCELLED
+    assert cancelled.next_scan is None
+    assert asyncio.run(loop.advance(cancelled, first.scan_id, misses(3))) is cancelled
+    with pytest.raises(Conflict):
+        asyncio.run(loop.advance(cancelled, after.next_scan.scan_id, misses(3)))
+    with pytest.raises(Conflict):
+        loop.check(cancelled, after.next_scan.scan_id)
+
+
+def test_a_fault_ends_a_session_with_its_reason_and_an_end_is_final() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar())
+    record = opened(loop, asked())
+    failed = loop.fail(record, Internal("A defect.", "Report it."))
+    assert failed.state is State.FAILED
+    assert failed.reason is not None
+    assert failed.reason["detail"] == "A defect."
+    assert loop.cancel(failed) is failed
+    cancelled = loop.cancel(record)
+    assert cancelled.reason is None
+    assert loop.fail(cancelled, Internal("Late.")) is cancelled
+
+
+def test_the_same_request_gives_the_same_session() -> None:
+    loop = Loop(RandomDetector(), FormulaRegistrar())
+    a, b = (run(loop, asked()) for _ in range(2))
+    assert [scan.region_id for scan in a.scans] == [scan.region_id for scan in b.scans]
+    assert a.estimate.expected_error == b.estimate.expected_error
+    assert a.budget_used == b.budget_used
+
+
+class SessionMachine(RuleBasedStateMachine):
+    """Any order of submissions, repetitions, skips, nonsense and cancelling."""
+
+    @initialize(
+        scans=st.integers(1, 4),
+        seconds=st.floats(1, 40),
+        fraction=st.floats(0.1, 0.6),
+        planner=st.sampled_from(Planner),
+        gain=st.sampled_from([1e-4, 0.005]),
+    )
+    def open(self, scans: int, seconds: float, fraction: float, planner: Planner, gain: float) -> None:
+        self.loop = Loop(RandomDetector(6), FormulaRegistrar(gain))
+        budget = Budget(scans, seconds, fraction)
+        self.record = opened(self.loop, asked(budget=budget, planner=planner, scan=ScanSettings(0.03, 0.1)))
+        self.planned: list[str] = []
+        self.ended: Record | None = None
+        self.note()
+
+    def note(self) -> None:
+        if self.record.next_scan is not None:
+            self.planned.append(self.record.next_scan.region_id)
+
+    def step(self, submission: RangeSamples | Points | Skipped) -> None:
+        self.record = answer(self.loop, self.record, submission)
+        self.note()
+
+    @precondition(lambda self: self.record.next_scan is not None)
+    @rule()
+    def scan(self) -> None:
+        self.step(samples_of(self.record))
+
+    @precondition(lambda self: self.record.next_scan is not None)
+    @rule()
+    def miss(self) -> None:
+        self.step(misses(3, span=0.1))
+
+    @precondition(lambda self: self.record.next_scan is not None)
+    @rule()
+    def skip(self) -> None:
+        self.step(Skipped())
+
+    @precondition(lambda self: self.record.next_scan is not None)
+    @rule()
+    def send_nothing(self) -> None:
+        with pytest.raises(InvalidInput):
+            answer(self.loop, self.record, misses(0))
+
+    @precondition(lambda self: self.record.answered)
+    @rule(data=st.data())
+    def repeat(self, data: st.DataObject) -> None:
+        scan_id = data.draw(st.sampled_from(self.record.answered))
+        assert asyncio.run(self.loop.advance(self.record, scan_id, misses(3))) is self.record
+
+    @rule()
+    def invent(self) -> None:
+        with pytest.raises((NotFound, Conflict)):
+            asyncio.run(self.loop.advance(self.record, "scan-99", misses(3)))
+
+    @rule(chance=st.integers(0, 5))
+    def cancel(self, chance: int) -> None:
+        if chance == 0:
+            self.record = self.loop.cancel(self.record)
+
+    @invariant()
+    def an_end_is_final(self) -> None:
+        assert self.record.state.ended == (self.record.next_scan is None)
+        if self.ended is not None:
+            assert self.record is self.ended
+        elif self.record.state.ended:
+            self.ended = self.record
+
+    @invariant()
+    def budgets_hold(self) -> None:
+        budget, spent = self.record.request.budget, self.record.budget_used
+        assert spent.scans <= budget.scans
+        assert spent.seconds <= budget.seconds
+        assert spent.fraction <= budget.fraction + 0.05
+
+    @invariant()
+    def no_region_is_planned_twice(self) -> None:
+        assert len(set(self.planned)) == len(self.planned)
+
+    @invariant()
+    def books_balance(self) -> None:
+        record = self.record
+        assert record.budget_used.scans == len(record.scans) == len(record.measured)
+        assert len(record.answered) == len(set(record.answered)) == len(record.scans) + len(record.skipped)
+        assert all(region.expected_error > 0 for region in record.regions)
+
+
+TestSessionMachine = SessionMachine.TestCase
+TestSessionMachine.settings = settings(
+    max_examples=12, stateful_step_count=8, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
