@@ -6,7 +6,7 @@ import asyncio
 import inspect
 import json
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -15,7 +15,7 @@ import grpc.aio
 import structlog
 
 from pretouch.channel import SCAN_ID_METADATA, SESSION_ID_METADATA
-from pretouch.errors import PROBLEM_METADATA_KEY, DeadlineExceeded, Internal, PretouchError, problem, wire_of
+from pretouch.errors import PROBLEM_METADATA_KEY, Internal, PretouchError, problem, wire_of
 from pretouch.serving.gate import Gate
 from pretouch.serving.kit import Kit
 
@@ -38,6 +38,9 @@ class Calls(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         handler = await continuation(details)
         if handler is None or details.method.startswith(_HEALTH):
             return handler
+        refusal = self._gate.refusal(_texts(details.invocation_metadata).get("authorization", ""))
+        if refusal is not None:
+            handler = _refused_unread(refusal)
         return self._surrounded(handler, details.method.removeprefix("/"))
 
     def _surrounded(self, handler: Any, method: str) -> Any:
@@ -69,16 +72,19 @@ class Calls(grpc.aio.ServerInterceptor):  # type: ignore[misc]
     async def _around(
         self, method: str, context: grpc.aio.ServicerContext, deadline: float | None
     ) -> AsyncIterator[None]:
-        metadata = {key: value for key, value in context.invocation_metadata() or () if isinstance(value, str)}
+        metadata = _texts(context.invocation_metadata())
         ids = {name: metadata[key][:64] for key, name in _LOGGED_IDS if key in metadata}
         metrics = self._kit.metrics
         began = time.perf_counter()
         code = grpc.StatusCode.OK
-        with structlog.contextvars.bound_contextvars(**ids), metrics.calls_in_flight.track_inprogress():
+        with (
+            structlog.contextvars.bound_contextvars(**ids),
+            metrics.calls_in_flight.track_inprogress(),
+            self._gate.inside(),
+        ):
             try:
-                with self._gate.admitted(metadata.get("authorization", "")):
-                    async with _bounded(context, deadline):
-                        yield
+                async with self._gate.bounded(deadline if context.time_remaining() is None else None):
+                    yield
             except (asyncio.CancelledError, GeneratorExit):
                 code = grpc.StatusCode.CANCELLED
                 raise
@@ -108,20 +114,17 @@ class Calls(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         )
 
 
-@asynccontextmanager
-async def _bounded(context: grpc.aio.ServicerContext, deadline: float | None) -> AsyncIterator[None]:
-    """Ends the block after `deadline` seconds where the client set no deadline of its own, which gRPC minds."""
-    if context.time_remaining() is not None:
-        deadline = None
-    try:
-        async with asyncio.timeout(deadline) as timeout:
-            yield
-    except TimeoutError as error:
-        if timeout.expired():
-            raise DeadlineExceeded(
-                f"The call took longer than {deadline:g} s.", "Set a longer deadline on the call, or ask for less."
-            ) from error
-        raise
+def _texts(metadata: Iterable[tuple[str, Any]] | None) -> dict[str, str]:
+    return {key: value for key, value in metadata or () if isinstance(value, str)}
+
+
+def _refused_unread(refusal: PretouchError) -> Any:
+    """A handler for any kind of call, which are one on the wire: as a stream it need not read the request first."""
+
+    async def refuse(_: Any, __: Any) -> None:
+        raise refusal
+
+    return grpc.stream_stream_rpc_method_handler(refuse)
 
 
 async def _abort(context: grpc.aio.ServicerContext, error: PretouchError) -> None:

@@ -56,3 +56,6 @@ async def serve(name: str, running: Running, settings: Settings, *, until_stdin_
         if not told.is_set():
             raise
         task.uncancel()
+    # gRPC's own tasks end a moment after its server, and complain where asyncio cancels them first
+    if rest := asyncio.all_tasks() - {task}:
+        await asyncio.wait(rest, timeout=1.0)

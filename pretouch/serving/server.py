@@ -102,9 +102,8 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
             yield Started(kit, port, metrics_port)
         finally:
             await statuses.enter_graceful_shutdown()
-            gate.close()
             kit.draining.set()
-            await gate.emptied(settings.grace)
+            await gate.drain(settings.grace)
             await server.stop(None)
 
 

@@ -105,6 +105,15 @@ async def test_a_wrong_or_missing_token_is_refused_in_every_kind_of_call(token: 
             assert "s3cret" not in error.detail + error.remedy
 
 
+async def test_the_message_of_a_stranger_is_not_even_read() -> None:
+    too_large = BytesValue(value=bytes(2 * MESSAGE_LIMIT))
+    async with probe("s3cret") as (_, service):
+        address = f"127.0.0.1:{service.port}"
+        async with grpc.aio.insecure_channel(address, (("grpc.max_send_message_length", -1),)) as stranger:
+            error = await failure(Stub(stranger).size(too_large, timeout=TIMEOUT))
+        assert isinstance(error, errors.Unauthenticated)
+
+
 async def test_health_needs_no_token() -> None:
     async with probe("s3cret") as (_, service), open_channel(f"127.0.0.1:{service.port}") as channel:
         health = health_pb2_grpc.HealthStub(channel)
@@ -166,7 +175,9 @@ async def test_messages_up_to_32_mib_pass_both_ways_and_larger_ones_are_refused(
 
 async def test_a_full_queue_is_refused_and_frees_up_again() -> None:
     async with probe(workers=1, max_queue=1) as (stub, service):
-        held = [asyncio.create_task(_call(stub, "hold")) for _ in range(2)]
+        held = [asyncio.create_task(_call(stub, "hold"))]
+        await eventually(lambda: value(service.kit, "calls_in_flight") == 1)
+        held.append(asyncio.create_task(_call(stub, "hold")))
         await eventually(lambda: value(service.kit, "queue_jobs") == 1)
         assert isinstance(await failure(stub.unary(text("spin:0"), timeout=TIMEOUT)), errors.Overloaded)
         held[1].cancel()  # the one that waits gives its place up

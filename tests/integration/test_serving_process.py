@@ -15,9 +15,11 @@ from typing import Any
 import grpc
 import pytest
 from google.protobuf.wrappers_pb2 import StringValue
+from grpc_health.v1 import health_pb2, health_pb2_grpc
 from serving_probe import Stub
 
 from pretouch.channel import open_channel
+from pretouch.errors import Unavailable, from_rpc_error
 
 PROBE = Path(__file__).with_name("serving_probe.py")
 TIMEOUT = 30
@@ -26,6 +28,7 @@ TIMEOUT = 30
 class Served:
     """A probe process, its log so far, and a client to it."""
 
+    channel: grpc.aio.Channel
     stub: Stub
 
     def __init__(self, process: Process) -> None:
@@ -57,7 +60,7 @@ async def served(*arguments: str) -> AsyncIterator[Served]:
         probe = Served(process)
         port = (await probe.line("ready"))["port"]
         async with open_channel(f"127.0.0.1:{port}") as channel:
-            probe.stub = Stub(channel)
+            probe.channel, probe.stub = channel, Stub(channel)
             yield probe
     finally:
         if process.returncode is None:
@@ -91,10 +94,16 @@ async def test_a_call_that_does_not_end_is_cut_off_after_the_grace() -> None:
     async with served("0.2") as probe:
         held = call(probe, "forever")
         assert await call(probe, "fence") == "fence"
+        health = health_pb2_grpc.HealthStub(probe.channel)
+        watch = health.Watch(health_pb2.HealthCheckRequest(), timeout=TIMEOUT)
+        assert (await watch.read()).status == health_pb2.HealthCheckResponse.SERVING
         probe.process.send_signal(signal.SIGTERM)
-        with pytest.raises(grpc.aio.AioRpcError):
+        with pytest.raises(grpc.aio.AioRpcError) as caught:
             await held
+        assert isinstance(from_rpc_error(caught.value), Unavailable)
+        assert "stopped before the call ended" in str(caught.value.details())
         assert await probe.ended() == 0
+        assert not [line for line in probe.log if line["level"] in ("error", "warning")]
 
 
 async def test_a_second_signal_ends_it_at_once() -> None:
