@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, Pose, frozen_array
 
-_DRAWS = 1024
-_MAX_POINTS = 256
+_HALF = np.random.default_rng(0).standard_normal((512, 6))
+_NORMAL = np.concatenate([_HALF, -_HALF])
+_MAX_POINTS = 64
 
 
 @dataclass(frozen=True)
@@ -102,11 +103,11 @@ def point_error(
     arms = np.asarray(points, dtype=np.float64)
     arms = arms[:: max(1, len(arms) // _MAX_POINTS)] - np.asarray(centroid, dtype=np.float64)
     values, vectors = np.linalg.eigh(np.asarray(covariance, dtype=np.float64))
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    normal = np.random.default_rng(0).standard_normal((_DRAWS // 2, 6))
-    draws = np.concatenate([normal, -normal]) @ root.T
-    w, d = draws[:, None, :3], draws[:, None, 3:]
-    errors = np.linalg.norm(np.cross(w, arms[None]) + d, axis=2).mean(axis=1)
+    draws = _NORMAL @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    x, y, z = arms.T
+    (wx, wy, wz), (dx, dy, dz) = draws.T[:3, :, None], draws.T[3:, :, None]
+    squares = (wy * z - wz * y + dx) ** 2 + (wz * x - wx * z + dy) ** 2 + (wx * y - wy * x + dz) ** 2
+    errors = np.sqrt(squares).mean(axis=1)
     return float(errors.mean()), np.quantile(errors, np.asarray(quantiles, dtype=np.float64))
 
 

@@ -1,0 +1,58 @@
+"""Proposers of regions worth scanning, behind one interface: `propose`.
+
+A proposer is a function `(scene, sensor, count, rng) -> list[ProposedRegion]`, the best region first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pretouch.errors import InvalidInput, Unavailable
+from pretouch.scene import Scene
+from pretouch.session import Proposer
+from pretouch.tof import Sensor
+from pretouch_detector.proposals import random, stability
+from pretouch_detector.proposals.region import ProposedRegion
+
+MAX_REGIONS = 200
+READY: dict[Proposer, Callable[[Scene, Sensor, int, np.random.Generator], list[ProposedRegion]]] = {
+    Proposer.STABILITY: stability.propose,
+    Proposer.RANDOM: random.propose,
+}
+"""The proposers that can be used, the best first."""
+_NOT_READY = {
+    Proposer.DEEP: "This version ships no trained network.",
+    Proposer.NARF: "This version does not compute NARF keypoints.",
+}
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """The regions, the best first, and the proposer that made them."""
+
+    proposer: Proposer
+    regions: list[ProposedRegion]
+
+
+def readiness() -> list[tuple[Proposer, str]]:
+    """Each proposer, the usable ones first, with the reason why it is not ready; empty when it is."""
+    return [(proposer, "") for proposer in READY] + list(_NOT_READY.items())
+
+
+def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int, seed: int) -> Proposals:
+    """Up to `count` regions by `proposer`; None takes the best that is ready. The same arguments give the same answer.
+
+    Raises:
+        InvalidInput: count out of range.
+        Unavailable: the proposer is not ready.
+    """
+    if not 1 <= count <= MAX_REGIONS:
+        raise InvalidInput(f"{count} regions were asked for.", f"Ask for 1 to {MAX_REGIONS}.")
+    chosen = proposer or next(iter(READY))
+    if chosen not in READY:
+        names = ", ".join(READY)
+        raise Unavailable(f"The proposer {chosen} is not ready: {_NOT_READY[chosen]}", f"Choose one of {names}.")
+    return Proposals(chosen, READY[chosen](scene, sensor, count, np.random.default_rng(seed)))

@@ -1,0 +1,19 @@
+"""Starts the detector: servicer registered, nothing to load yet."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import grpc.aio
+
+from pretouch.serving import Kit
+from pretouch.v1 import detector_pb2, detector_pb2_grpc
+from pretouch_detector.servicer import DetectorServicer
+
+
+@asynccontextmanager
+async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
+    """Serves `pretouch.v1.DetectorService`."""
+    detector_pb2_grpc.add_DetectorServiceServicer_to_server(DetectorServicer(kit), server)
+    yield (detector_pb2.DESCRIPTOR.services_by_name["DetectorService"].full_name,)

@@ -1,0 +1,54 @@
+"""The detector over gRPC: unpacks, computes off the event loop, packs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import grpc.aio
+
+from pretouch.errors import InvalidInput
+from pretouch.serving import Kit
+from pretouch.session import Proposer
+from pretouch.v1 import detector_pb2 as pb
+from pretouch.v1 import detector_pb2_grpc
+from pretouch.wire.common import rectangle_to_proto, scene_from_proto, sensor_from_proto
+from pretouch_detector.proposals import propose, readiness
+
+DEFAULT_COUNT = 20
+
+
+@dataclass
+class DetectorServicer(detector_pb2_grpc.DetectorServiceServicer):
+    """Serves `Propose` and `ListProposers`."""
+
+    kit: Kit
+
+    async def Propose(
+        self, request: pb.ProposeRequest, context: grpc.aio.ServicerContext[pb.ProposeRequest, pb.ProposeResponse]
+    ) -> pb.ProposeResponse:
+        return await self.kit.cpu(_propose, request)
+
+    async def ListProposers(
+        self,
+        request: pb.ListProposersRequest,
+        context: grpc.aio.ServicerContext[pb.ListProposersRequest, pb.ListProposersResponse],
+    ) -> pb.ListProposersResponse:
+        infos = [pb.ProposerInfo(name=name, ready=not reason, reason=reason) for name, reason in readiness()]
+        return pb.ListProposersResponse(proposers=infos)
+
+
+def _propose(request: pb.ProposeRequest) -> pb.ProposeResponse:
+    if request.proposer and request.proposer not in set(Proposer):
+        raise InvalidInput(f"There is no proposer {request.proposer!r}.", f"Choose one of {', '.join(Proposer)}.")
+    proposals = propose(
+        scene_from_proto(request.scene),
+        Proposer(request.proposer) if request.proposer else None,
+        sensor_from_proto(request.sensor),
+        request.count or DEFAULT_COUNT,
+        request.seed,
+    )
+    regions = [
+        pb.ProposedRegion(rectangle=rectangle_to_proto(region.rectangle), confidence=region.confidence)
+        for region in proposals.regions
+    ]
+    return pb.ProposeResponse(regions=regions, proposer=proposals.proposer)

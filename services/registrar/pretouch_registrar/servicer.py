@@ -1,0 +1,116 @@
+"""The registrar over gRPC: unpacks, computes off the event loop, packs."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass
+
+import grpc
+from google.protobuf.message import DecodeError
+
+from pretouch.errors import InvalidInput, Malformed, TooLarge
+from pretouch.scene import Scene
+from pretouch.serving import Kit
+from pretouch.tof import Scan
+from pretouch.trajectory import Trajectory
+from pretouch.v1 import common_pb2, registrar_pb2_grpc
+from pretouch.v1 import registrar_pb2 as pb
+from pretouch.wire.common import (
+    array_from_proto,
+    estimate_to_proto,
+    prior_from_proto,
+    scan_from_proto,
+    scene_from_proto,
+    sensor_from_proto,
+)
+from pretouch_registrar.registration import Engine, Settings, predict, register
+
+MAX_SCENE_BYTES = 32 * 2**20
+MAX_STREAM_SCANS = 1000
+_ORDER = "Send the header first, then the scene's chunks until scene_bytes are there, then scans."
+
+
+def settings_from_proto(message: pb.RegistrationSettings, default: Engine) -> Settings:
+    """Raises InvalidInput for an unknown engine."""
+    try:
+        engine = Engine(message.engine) if message.engine else default
+    except ValueError:
+        known = ", ".join(engine.value for engine in Engine)
+        raise InvalidInput(f"There is no engine {message.engine!r}.", f"Choose one of {known}.") from None
+    return Settings(engine, prior_from_proto(message.prior), sensor_from_proto(message.sensor))
+
+
+@dataclass
+class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
+    """Serves `Register`, `RegisterStream` and `PredictScans`; `default` is the engine for requests that name none."""
+
+    kit: Kit
+    default: Engine
+
+    async def Register(self, request: pb.RegisterRequest, context: grpc.aio.ServicerContext) -> pb.RegisterResponse:
+        return await self.kit.cpu(self._register, request)
+
+    def _register(self, request: pb.RegisterRequest) -> pb.RegisterResponse:
+        scans = [scan_from_proto(scan) for scan in request.scans]
+        settings = settings_from_proto(request.settings, self.default)
+        return pb.RegisterResponse(
+            estimate=estimate_to_proto(register(scene_from_proto(request.scene), scans, settings))
+        )
+
+    async def PredictScans(
+        self, request: pb.PredictScansRequest, context: grpc.aio.ServicerContext
+    ) -> pb.PredictScansResponse:
+        return await self.kit.cpu(self._predict, request)
+
+    def _predict(self, request: pb.PredictScansRequest) -> pb.PredictScansResponse:
+        scans = [scan_from_proto(scan) for scan in request.scans]
+        candidates = [
+            Trajectory(array_from_proto(c.t, "candidate.t"), array_from_proto(c.base_t_tip, "candidate.base_t_tip"))
+            for c in request.candidates
+        ]
+        settings = settings_from_proto(request.settings, self.default)
+        errors = predict(scene_from_proto(request.scene), scans, settings, candidates)
+        return pb.PredictScansResponse(expected_errors=errors)
+
+    async def RegisterStream(
+        self, request_iterator: AsyncIterator[pb.RegisterStreamRequest], context: grpc.aio.ServicerContext
+    ) -> AsyncIterator[pb.RegisterStreamResponse]:
+        steps = aiter(request_iterator)
+        first = await anext(steps, None)
+        if first is None or first.WhichOneof("step") != "header":
+            raise InvalidInput("The stream does not begin with a header.", _ORDER)
+        settings = settings_from_proto(first.header.settings, self.default)
+        scene = await self.kit.cpu(_scene_of, await _collect(steps, first.header.scene_bytes))
+        scans: list[Scan] = []
+        async for step in steps:
+            if step.WhichOneof("step") != "scan":
+                raise InvalidInput("The scene is complete, but no scan came next.", _ORDER)
+            if len(scans) == MAX_STREAM_SCANS:
+                raise TooLarge(f"More than {MAX_STREAM_SCANS} scans came on one stream.", "Open a new stream.")
+            scans.append(scan_from_proto(step.scan))
+            yield await self.kit.cpu(_answer, scene, tuple(scans), settings)
+
+
+async def _collect(steps: AsyncIterator[pb.RegisterStreamRequest], size: int) -> bytes:
+    if size > MAX_SCENE_BYTES:
+        raise TooLarge(f"The scene has {size} bytes; the limit is {MAX_SCENE_BYTES}.", "Crop the depth image.")
+    data = bytearray()
+    while len(data) < size:
+        step = await anext(steps, None)
+        if step is None or step.WhichOneof("step") != "scene_chunk":
+            raise InvalidInput(f"The scene ends after {len(data)} of {size} bytes.", _ORDER)
+        data += step.scene_chunk
+    if len(data) > size:
+        raise InvalidInput(f"The scene has {len(data)} bytes, not the {size} announced.", _ORDER)
+    return bytes(data)
+
+
+def _scene_of(data: bytes) -> Scene:
+    try:
+        return scene_from_proto(common_pb2.Scene.FromString(data))
+    except DecodeError:
+        raise Malformed("The scene's bytes are not a pretouch.v1.Scene.", "Send the serialised message.") from None
+
+
+def _answer(scene: Scene, scans: Sequence[Scan], settings: Settings) -> pb.RegisterStreamResponse:
+    return pb.RegisterStreamResponse(estimate=estimate_to_proto(register(scene, scans, settings)))

@@ -1,0 +1,35 @@
+"""Loads the compiled kernels before the first request, on a small scene made up here."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pretouch.camera import Camera, DepthImage
+from pretouch.geometry import Plane, Pose
+from pretouch.scene import Scene
+from pretouch.tof import Scan
+from pretouch.trajectory import Trajectory
+from pretouch_registrar.registration import Settings, predict, register
+
+
+def warm_up() -> None:
+    """Runs each kernel once, in the types of real requests."""
+    depth = np.full((40, 40), 0.8, dtype=np.float32)
+    depth[12:28, 12:28] = 0.75
+    base_T_camera = Pose.of(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.8])
+    scene = Scene(
+        DepthImage(depth),
+        Camera(400, 400, 19.5, 19.5),
+        base_T_camera,
+        depth < 0.78,
+        Plane(np.array([0.0, 0.0, 1.0]), 0.0),
+    )
+    tip = np.tile(np.eye(4), (8, 1, 1))
+    tip[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    tip[:, 0, 3] = np.linspace(-0.03, 0.03, 8)
+    tip[:, 2, 3] = 0.08
+    ranges = np.where(np.abs(tip[:, 0, 3]) < 0.015, 0.03, 0.08)
+    ranges[0] = np.nan
+    scan = Scan(tip[:, :3, 3], tip[:, :3, 2], ranges)
+    register(scene, [scan], Settings())
+    predict(scene, [scan], Settings(), [Trajectory(np.arange(8.0), tip)])

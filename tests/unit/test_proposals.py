@@ -1,0 +1,71 @@
+"""Proposed regions keep the paper's rules, repeat by seed, and differ from each other."""
+
+import numpy as np
+import pytest
+import shapely
+from pretouch_detector.proposals import propose, readiness
+from pretouch_detector.proposals.random import AREA, MIN_OVERLAP, polygons
+from scenes import Box, World
+
+from pretouch.errors import InvalidInput, Unavailable
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch.session import Proposer
+from pretouch.tof import Sensor
+
+READY = [proposer for proposer, reason in readiness() if not reason]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return World((Box.standing((0.10, 0.06, 0.05), yaw=0.4),)).scene()
+
+
+@pytest.mark.parametrize("proposer", READY)
+def test_regions_keep_the_rules_of_algorithm_1_and_repeat(scene: Scene, proposer: Proposer) -> None:
+    regions = propose(scene, proposer, Sensor(), 20, 7).regions
+    assert 10 <= len(regions) <= 20
+    u0, v0, u1, v1 = scene.bounds()
+    box = shapely.box(u0 - 0.5, v0 - 0.5, u1 - 0.5, v1 - 0.5)
+    for region in regions:
+        shape = shapely.Polygon(region.rectangle.corners())
+        assert AREA[0] - 1e-9 <= shape.area / box.area <= AREA[1] + 1e-9
+        assert shape.intersection(box).area / shape.union(box).area >= MIN_OVERLAP - 1e-9
+        assert 0 <= region.confidence <= 1
+    assert [r.confidence for r in regions] == sorted((r.confidence for r in regions), reverse=True)
+    assert regions == propose(scene, proposer, Sensor(), 20, 7).regions
+    assert regions != propose(scene, proposer, Sensor(), 20, 8).regions
+
+
+def test_polygons_are_the_rectangles(scene: Scene) -> None:
+    rectangle = RotatedRectangle(30, 40, 20, 8, 0.7)
+    polygon = polygons(np.array([rectangle.as_list()]))[0]
+    assert polygon.equals_exact(shapely.Polygon(rectangle.corners()), 1e-9)
+
+
+def test_stability_prefers_perimeters_that_cross_edges_of_a_flat_box(scene: Scene) -> None:
+    ranked = propose(scene, Proposer.STABILITY, Sensor(), 20, 0).regions
+
+    def crossings(rectangle: RotatedRectangle) -> int:
+        u, v = np.round(rectangle.perimeter()).astype(int).T
+        return int((np.diff(scene.mask[v, u].astype(int)) != 0).sum())
+
+    everyone = propose(scene, Proposer.RANDOM, Sensor(), 100, 0).regions
+    best = np.mean([crossings(r.rectangle) for r in ranked[:5]])
+    assert best > np.mean([crossings(r.rectangle) for r in everyone])
+
+
+def test_left_out_the_best_ready_proposer_is_taken_and_named(scene: Scene) -> None:
+    assert propose(scene, None, Sensor(), 3, 0).proposer is READY[0]
+
+
+def test_a_proposer_that_is_not_ready_is_refused_with_those_that_are(scene: Scene) -> None:
+    with pytest.raises(Unavailable) as raised:
+        propose(scene, Proposer.NARF, Sensor(), 3, 0)
+    assert "random" in raised.value.remedy
+
+
+@pytest.mark.parametrize("count", [0, 201])
+def test_a_count_out_of_range_is_refused(scene: Scene, count: int) -> None:
+    with pytest.raises(InvalidInput):
+        propose(scene, None, Sensor(), count, 0)
