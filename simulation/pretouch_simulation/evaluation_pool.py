@@ -1,0 +1,124 @@
+"""Many runs at once in worker processes, kept as they come so that an interrupted evaluation can go on."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pretouch.errors import Conflict
+from pretouch_simulation.evaluation import Protocol, Run, run_view, warm_up
+
+_ONE_THREAD = {
+    name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+}
+"""Every sum has one order then: the same numbers for any number of workers."""
+
+Task = tuple[Path, int]
+"""A mesh file and a view."""
+
+
+class PartialResults:
+    """Runs that are done, one JSON line each, beside the file that the evaluation will write.
+
+    Raises:
+        Conflict: the file was left by an evaluation of something else.
+    """
+
+    def __init__(self, out: Path, protocol: Protocol) -> None:
+        self.path = out.with_name(out.name + ".partial")
+        self._header = json.dumps({"protocol": asdict(protocol)}, sort_keys=True)
+        self.runs: dict[tuple[str, int], Run] = {}
+        if self.path.exists():
+            self._read()
+        else:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.write_text(self._header + "\n")
+
+    def _read(self) -> None:
+        text = self.path.read_text()
+        header, *lines = text[: text.rfind("\n") + 1].splitlines() or [""]
+        if header != self._header:
+            raise Conflict(
+                f"{self.path} holds the runs of an evaluation with other settings.",
+                "Delete it, or choose another --json file.",
+            )
+        for line in lines:
+            run = Run.from_dict(json.loads(line))
+            self.runs[run.mesh, run.view] = run
+        # A line cut short by a crash is dropped, so that the next one starts on its own.
+        self.path.write_text("".join(f"{line}\n" for line in [header, *lines]))
+
+    def add(self, run: Run) -> None:
+        self.runs[run.mesh, run.view] = run
+        with self.path.open("a") as file:
+            file.write(json.dumps(run.as_dict()) + "\n")
+
+    def remove(self) -> None:
+        self.path.unlink(missing_ok=True)
+
+
+def run_all(
+    tasks: Sequence[Task], protocol: Protocol, workers: int, kept: PartialResults, done: Callable[[Run], None]
+) -> list[Run]:
+    """Runs every task that is not in `kept` yet, calling `done` after each; the runs in the order of the tasks.
+
+    Raises:
+        KeyboardInterrupt: what was done by then is in `kept`.
+    """
+    missing = [(path, view) for path, view in tasks if (path.stem, view) not in kept.runs]
+    for run in _results(missing, protocol, workers):
+        kept.add(run)
+        done(run)
+    return [kept.runs[path.stem, view] for path, view in tasks]
+
+
+def _results(tasks: Sequence[Task], protocol: Protocol, workers: int) -> Iterator[Run]:
+    if not tasks:
+        return
+    context = multiprocessing.get_context("spawn")
+    with _environment(_ONE_THREAD):
+        pool = ProcessPoolExecutor(
+            min(workers, len(tasks)), mp_context=context, initializer=_prepare_worker, initargs=(protocol,)
+        )
+        try:
+            for future in as_completed([pool.submit(run_view, path, view, protocol) for path, view in tasks]):
+                yield future.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _prepare_worker(protocol: Protocol) -> None:
+    """Leaves interrupts to the parent, ends with it, and compiles what the first run would else wait for."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    warm_up(protocol)
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
+
+
+@contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,46 @@
+"""The session's ports answered by the services' own code in this process, without a network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pretouch_detector.proposals import propose
+from pretouch_orchestrator.ports import ProposedRegion
+from pretouch_registrar.registration import Engine, Settings, predict, register
+
+from pretouch.estimate import Estimate, Prior
+from pretouch.scene import Scene
+from pretouch.session import Proposer
+from pretouch.tof import Scan, Sensor
+from pretouch.trajectory import Trajectory
+
+_REGIONS = 20
+
+
+class InProcessDetector:
+    """The detector's proposers."""
+
+    async def propose(
+        self, scene: Scene, proposer: Proposer | None, sensor: Sensor, seed: int
+    ) -> tuple[Proposer, list[ProposedRegion]]:
+        """See `ports.Detector`."""
+        proposals = propose(scene, proposer, sensor, _REGIONS, seed)
+        regions = [ProposedRegion(region.rectangle, region.confidence) for region in proposals.regions]
+        return proposals.proposer, regions
+
+
+class InProcessRegistrar:
+    """The registrar's `engine`."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+
+    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+        """See `ports.Registrar`."""
+        return register(scene, scans, Settings(self._engine, prior, sensor))
+
+    async def predict(
+        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
+    ) -> list[float]:
+        """See `ports.Registrar`."""
+        return predict(scene, scans, Settings(self._engine, prior, sensor), candidates)

@@ -1,0 +1,39 @@
+"""Which meshes of a folder are meant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pretouch.errors import InvalidInput, NotFound
+from pretouch_simulation.mesh import SUFFIXES
+
+_NAMED = 20
+
+
+def meshes_in(folder: Path, only: Sequence[str] = (), limit: int | None = None) -> list[Path]:
+    """The mesh files of `folder` in the order of their names.
+
+    Args:
+        only: stems of the files that are meant; empty: all.
+        limit: how many at most, the first ones.
+
+    Raises:
+        NotFound: no such folder, no mesh in it, or none of a name in `only`.
+        InvalidInput: two files of the same stem, which is what a mesh is called.
+    """
+    if not folder.is_dir():
+        raise NotFound(f"There is no folder {folder}.", "Give a folder of PLY, OBJ or STL files in metres.")
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file())
+    if not files:
+        raise NotFound(f"{folder} holds no mesh.", f"Give a folder with {', '.join(SUFFIXES)} files, in metres.")
+    by_name = {path.stem: path for path in files}
+    if len(by_name) < len(files):
+        twice = next(path.stem for path in files if by_name[path.stem] != path)
+        raise InvalidInput(f"{folder} holds two meshes called {twice}.", "Rename one of them.")
+    unknown = [name for name in only if name not in by_name]
+    if unknown:
+        there = ", ".join(list(by_name)[:_NAMED]) + (", ..." if len(by_name) > _NAMED else "")
+        raise NotFound(f"{folder} holds no mesh called {', '.join(unknown)}.", f"Choose from: {there}.")
+    chosen = [path for path in files if not only or path.stem in only]
+    return chosen[:limit]

@@ -1,0 +1,88 @@
+"""The paper's own way of testing a region, kept so that old and new compare.
+
+After Lancaster, Yang, Smith, "Improved Object Pose Estimation via Deep Pre-touch Sensing", IROS 2017: the finger's
+points are not measured but cut out of the camera's own cloud, moved to its true place, where it projects onto the
+region's perimeter; Gaussian noise of 0.15 cm is added. Regions come in the order of confidence, scans add up, the
+match is the paper's. The score is the one of all rows: over the whole object, not over the points cut out.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from pretouch_registrar.registration import Settings, register
+from scipy.spatial import cKDTree
+
+from pretouch.geometry import Array, Pose
+from pretouch.rectangle import RotatedRectangle
+from pretouch.tof import Scan
+from pretouch_simulation.evaluation import Protocol, Row, loop_of, request_of
+from pretouch_simulation.protocol import Case, generator
+
+NOISE = 0.0015
+"""m."""
+ON_PERIMETER = 1.0
+"""px: how near to the perimeter a point projects that the finger would have met."""
+_SCANNED = 0.005
+
+
+async def run_case(case: Case, protocol: Protocol) -> list[Row]:
+    """One row for each of the first `protocol.scans` regions."""
+    request = request_of(case, protocol)
+    started = time.perf_counter()
+    record = await loop_of(protocol).open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
+    opening = time.perf_counter() - started
+    true_cloud = case.truth.apply(case.cloud)
+    initial = case.error(Pose.identity())
+    settings = Settings(protocol.engine, request.prior, request.sensor)
+    scans: list[Scan] = []
+    rows: list[Row] = []
+    length = 0.0
+    for region in sorted(record.regions, key=lambda region: -region.confidence)[: protocol.scans]:
+        rng = generator("paper setting", protocol.seed, case.name, case.view, len(rows))
+        scans.append(Scan.of_points(cut(case, true_cloud, region.rectangle, rng), -record.scene.table.normal))
+        length += perimeter_length(case, region.rectangle)
+        started = time.perf_counter()
+        estimate = register(record.scene, scans, settings)
+        seconds = time.perf_counter() - started + (opening if not rows else 0.0)
+        rows.append(
+            Row(
+                mesh=case.name,
+                view=case.view,
+                scan=len(rows) + 1,
+                proposer=record.proposer.value,
+                engine=protocol.engine.value,
+                planner=protocol.planner.value,
+                sensor="paper",
+                initial_error=initial,
+                error=case.error(estimate.base_T_correction),
+                expected_error=estimate.expected_error,
+                covered=case.covered(estimate),
+                fraction=_fraction(true_cloud, scans),
+                robot_seconds=length / request.scan.speed,
+                compute_ms=1000.0 * seconds,
+            )
+        )
+    return rows
+
+
+def cut(case: Case, true_cloud: Array, rectangle: RotatedRectangle, rng: np.random.Generator) -> Array:
+    """(n, 3), m, in base: the noisy points of the moved cloud that the camera, as believed, sees on the perimeter."""
+    pixels = case.camera.project(case.base_T_camera.inverse().apply(true_cloud))
+    points = true_cloud[np.abs(rectangle.distance(pixels)) <= ON_PERIMETER]
+    return np.asarray(points + rng.normal(0.0, NOISE, points.shape), dtype=np.float64)
+
+
+def perimeter_length(case: Case, rectangle: RotatedRectangle) -> float:
+    """m: of the rectangle's perimeter at the object's median depth."""
+    depth = float(np.median(case.depth.metres[case.mask]))
+    return 2.0 * depth * (rectangle.w + rectangle.h) / case.camera.fx
+
+
+def _fraction(true_cloud: Array, scans: list[Scan]) -> float:
+    points = np.concatenate([scan.points() for scan in scans])
+    if not len(points):
+        return 0.0
+    distances, _ = cKDTree(points).query(true_cloud, distance_upper_bound=_SCANNED)
+    return float(np.isfinite(distances).mean())

@@ -1,0 +1,141 @@
+"""`pretouch evaluate` end to end on meshes made in code: its rows, its determinism, and going on after an interrupt."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pretouch_simulation.mesh import Mesh
+from pretouch_simulation.objects import MAKERS
+
+FIELDS = {
+    "mesh": str,
+    "view": int,
+    "scan": int,
+    "proposer": str,
+    "engine": str,
+    "planner": str,
+    "sensor": str,
+    "initial_error": float,
+    "error": float,
+    "expected_error": float,
+    "covered": bool,
+    "fraction": float,
+    "robot_seconds": float,
+    "compute_ms": float,
+}
+
+
+def write_obj(path: Path, mesh: Mesh) -> None:
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("meshes")
+    for name in ("drill", "mug"):
+        write_obj(folder / f"{name}.obj", MAKERS[name]())
+    return folder
+
+
+def command(meshes: Path, out: Path, *options: str) -> list[str]:
+    return [sys.executable, "-m", "pretouch", "evaluate", "--meshes", str(meshes), "--json", str(out), *options]
+
+
+def evaluate(meshes: Path, out: Path, *options: str) -> dict[str, Any]:
+    done = subprocess.run(command(meshes, out, *options), capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr[-2000:] + done.stdout[-2000:]
+    answer = json.loads(out.read_text())
+    assert not out.with_name(out.name + ".partial").exists()
+    return dict(answer)
+
+
+def timeless(answer: dict[str, Any]) -> list[dict[str, Any]]:
+    return [{**row, "compute_ms": 0.0} for row in answer["rows"]]
+
+
+def test_rows_have_the_agreed_form_and_do_not_depend_on_the_workers(meshes: Path, tmp_path: Path) -> None:
+    options = ("--views", "1", "--scans", "2", "--proposer", "random")
+    one = evaluate(meshes, tmp_path / "one.json", *options, "--workers", "1")
+    two = evaluate(meshes, tmp_path / "two.json", *options, "--workers", "2")
+    assert set(one) == {"command", "seed", "rows"}
+    assert one["command"].startswith("pretouch evaluate --meshes")
+    assert one["seed"] == 0
+    for row in one["rows"]:
+        assert {name: type(value) for name, value in row.items()} == FIELDS
+        assert 0 < row["initial_error"] < 0.06
+        assert 0 <= row["fraction"] <= 1
+        assert row["robot_seconds"] > 0
+    assert [(row["mesh"], row["view"], row["scan"]) for row in one["rows"]] == [
+        (mesh, 0, scan) for mesh in ("drill", "mug") for scan in (1, 2)
+    ]
+    assert timeless(one) == timeless(two)
+    last = [row for row in one["rows"] if row["scan"] == 2]
+    assert sum(row["error"] for row in last) < 0.7 * sum(row["initial_error"] for row in last)
+
+
+def test_the_papers_setting_has_rows_of_its_own(meshes: Path, tmp_path: Path) -> None:
+    answer = evaluate(
+        meshes, tmp_path / "paper.json", "--paper-setting", "--only", "drill", "--views", "1", "--scans", "3"
+    )
+    assert [row["scan"] for row in answer["rows"]] == [1, 2, 3]
+    assert {(row["engine"], row["planner"], row["sensor"]) for row in answer["rows"]} == {
+        ("paper", "confidence", "paper")
+    }
+    fractions = [row["fraction"] for row in answer["rows"]]
+    assert fractions == sorted(fractions)
+    assert fractions[0] > 0
+
+
+def test_an_interrupted_evaluation_goes_on_where_it_stopped(meshes: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.json"
+    partial = tmp_path / "out.json.partial"
+    options = ("--only", "drill", "--views", "4", "--scans", "1", "--proposer", "random", "--workers", "1")
+    process = subprocess.Popen(command(meshes, out, *options), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    give_up = time.monotonic() + 120
+    while not (partial.exists() and partial.read_text().count("\n") > 1) and time.monotonic() < give_up:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130, said
+    assert b"the same command goes on" in said
+    assert not out.exists()
+    kept = partial.read_text().splitlines()[1:]
+    assert 1 <= len(kept) < 4
+    answer = evaluate(meshes, out, *options)
+    assert [row["view"] for row in answer["rows"]] == [0, 1, 2, 3]
+    for line in kept:
+        for row in json.loads(line)["rows"]:
+            assert row in answer["rows"]
+
+
+def test_a_wrong_mesh_is_named_and_the_others_are_kept(meshes: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    os.link(meshes / "mug.obj", folder / "mug.obj")
+    (folder / "broken.ply").write_text("ply\n")
+    out = tmp_path / "out.json"
+    done = subprocess.run(
+        command(folder, out, "--views", "1", "--scans", "1", "--proposer", "random"),
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
+    assert done.returncode == 1
+    assert "broken, view 0 failed" in done.stdout
+    assert {row["mesh"] for row in json.loads(out.read_text())["rows"]} == {"mug"}
+
+
+def test_a_missing_folder_is_said_in_two_lines(tmp_path: Path) -> None:
+    done = subprocess.run(
+        command(tmp_path / "none", tmp_path / "out.json"), capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 2
+    assert "There is no folder" in done.stderr
+    assert "Traceback" not in done.stderr
