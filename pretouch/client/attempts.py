@@ -7,7 +7,7 @@ import random
 import time
 from typing import Final
 
-from pretouch.errors import Overloaded, PretouchError, Unavailable
+from pretouch.errors import DeadlineExceeded, Overloaded, PretouchError, Unavailable
 
 _FIRST_DELAY: Final = 0.2
 _MOST_DELAY: Final = 2.0
@@ -20,6 +20,7 @@ class Attempts:
     def __init__(self, timeout: float) -> None:
         self._end = time.monotonic() + timeout
         self._failed = 0
+        self._last: PretouchError | None = None
 
     def remaining(self) -> float:
         """s until the call's timeout, at least a millisecond."""
@@ -29,11 +30,15 @@ class Attempts:
         """s to wait before the next try.
 
         Raises:
-            PretouchError: `error` itself, if another try would be of no use or too late.
+            PretouchError: `error` itself, if another try would be of no use or too late; where time ran out on a
+                further try, what was wrong with the one before.
         """
+        if isinstance(error, DeadlineExceeded) and self._last is not None:
+            raise self._last from error
         delay = min(_FIRST_DELAY * 2.0**self._failed, _MOST_DELAY) * random.uniform(0.75, 1.0)
         self._failed += 1
         passing = isinstance(error, Unavailable | Overloaded)
         if not passing or self._failed > _RETRIES or delay >= self.remaining():
             raise error
+        self._last = error
         return delay

@@ -10,6 +10,7 @@ from client_kinds import KINDS, opened
 from scripted_orchestrator import ScriptedOrchestrator
 
 from pretouch.camera import Camera
+from pretouch.client.attempts import Attempts
 from pretouch.errors import (
     Conflict,
     DeadlineExceeded,
@@ -67,6 +68,15 @@ async def test_creation_is_tried_again_under_one_key(kind: str, script: Scripted
     assert first == again
     assert len(first) > 8
     assert mine == "mine"
+
+
+def test_a_further_try_that_runs_out_of_time_tells_what_was_wrong_before() -> None:
+    attempts = Attempts(60.0)
+    attempts.delay_after(Unavailable("warming up", "wait"))
+    with pytest.raises(Unavailable, match="warming up"):
+        attempts.delay_after(DeadlineExceeded("too late"))
+    with pytest.raises(DeadlineExceeded):
+        Attempts(60.0).delay_after(DeadlineExceeded("too late"))
 
 
 @every_client
