@@ -19,9 +19,11 @@ from pretouch.serving import Kit
 from pretouch.session import SessionRequest, Submission
 from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
 from pretouch_orchestrator import rest_openapi as openapi
-from pretouch_orchestrator.admission import Admission, answer_errors_as_problems
+from pretouch_orchestrator.admission import Admission
 from pretouch_orchestrator.bodies import json_from_bytes, read_json, read_parts
+from pretouch_orchestrator.body_limit import BodyLimit
 from pretouch_orchestrator.docs_page import docs_page
+from pretouch_orchestrator.problems import answer_errors_as_problems
 from pretouch_orchestrator.rest_models import HealthModel, ScanPlanModel, SessionListModel, SessionModel
 from pretouch_orchestrator.sessions import DEFAULT_PAGE, LARGEST_PAGE, Sessions
 
@@ -37,6 +39,7 @@ def rest_app(sessions: Sessions, kit: Kit, check: Callable[[], Awaitable[None]])
     """The application; `check` raises `Unavailable` while the store or another service is not well."""
     app = FastAPI(title="pretouch", description=_DESCRIPTION, docs_url=None, redoc_url=None, redirect_slashes=False)
     app.add_middleware(Admission, kit=kit)
+    app.add_middleware(BodyLimit)
     answer_errors_as_problems(app, kit)
     _add_session_routes(app, sessions, kit)
     _add_event_route(app, sessions)

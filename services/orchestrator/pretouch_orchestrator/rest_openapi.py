@@ -11,8 +11,9 @@ from pydantic.json_schema import models_json_schema
 
 from pretouch import __version__
 from pretouch.errors import WIRE
-from pretouch_orchestrator.admission import OPEN_PATHS, PROBLEM_TYPE
+from pretouch_orchestrator.admission import OPEN_PATHS
 from pretouch_orchestrator.bodies import PARTS
+from pretouch_orchestrator.problems import PROBLEM_TYPE
 from pretouch_orchestrator.rest_models import (
     HealthModel,
     ProblemModel,

@@ -19,6 +19,7 @@ from pretouch.camera import DepthImage
 from pretouch.errors import Conflict, Internal, InvalidInput, PretouchError, Unavailable
 from pretouch.serving import Kit
 from pretouch.session import GatewaySpan, Session, SessionRequest, Submission
+from pretouch.tof import RangeSamples
 from pretouch.wire.session import request_to_proto
 from pretouch_orchestrator.events import Broker, events_between
 from pretouch_orchestrator.loop import Loop
@@ -214,7 +215,7 @@ class Sessions:
             record = await self._record(session_id)
             return record.view() if record.state.ended else await self._keep(record, self._loop.cancel(record))
 
-    async def _resolved(self, span: GatewaySpan) -> Submission:
+    async def _resolved(self, span: GatewaySpan) -> RangeSamples:
         if self._gateway is None:
             raise Unavailable(
                 "This orchestrator has no sensor gateway.",
