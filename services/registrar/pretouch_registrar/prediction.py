@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
-from pretouch_registrar.engines.agreement import REACH, Problem, beam_rows, project, rotation_of
+from pretouch_registrar.engines.agreement import Problem, beam_rows, project, rotation_of
 from pretouch_registrar.engines.camera_model import KIND, OBJECT, PLANE, UNSEEN
 from pretouch_registrar.engines.map import curvature
 
 _TRUTHS = 2
 """Poses drawn from the present estimate that are taken as the truth in turn."""
 _MAX_BEAMS = 60
+_REACH = 0.012
+"""m: a beam that is seen this far behind a surface has not pierced it there; it has gone past its edge."""
 
 
 def predicted_information(problem: Problem, x: Array, covariance: Array, path: Trajectory, sensor: Sensor) -> Array:
@@ -82,7 +84,7 @@ def _cast(
                 hidden = pixel[KIND] == UNSEEN
                 if pixel[KIND] == OBJECT:
                     surface = pixel[PLANE] * p0 + pixel[PLANE + 1] * p1 + pixel[PLANE + 2] * p2 - pixel[PLANE + 3]
-                    if -REACH < surface <= 0:
+                    if -_REACH < surface <= 0:
                         result[n] = travelled
                         break
                     hidden = surface <= 0

@@ -1,13 +1,15 @@
 """How badly a set of beams disagrees with what the camera saw, for one pose correction: the cost of one sample.
 
 A correction is x = (w, d): p -> exp(w) (p - c) + c + d, c the object's centroid, base axes. A returned beam's point is
-carried back to where the camera would have put it and looked up in the depth image:
+carried back to where the camera would have put it and explained in the cheaper of two ways:
 
-- on an object pixel: distance along the surface's normal; behind the surface may be a hidden side, so that disagreement
-  is capped low; in front of it the camera would have seen it, capped high;
-- off the object's silhouette: the nearest object pixel's surface plus the lateral distance to it, or the table;
-- on the object but in truth on the table: the table plus the lateral distance to the nearest table pixel;
-- a miss that would have pierced the seen surface pays for how far inside the silhouette it did so.
+- by the object: distance along the normal of the surface seen there; off the silhouette, of the nearest object pixel's
+  surface, plus the distance to that pixel within the surface;
+- by the table: its height above it.
+
+A point below a seen part of the object has no business there, since its beam came from above: it also pays for how far
+inside the object's footprint it lies. Behind a seen surface, but not below it, may be a hidden side: that disagreement
+is capped low. In front of it the camera would have seen it: capped high. A miss pays like a point below a seen part.
 
 Costs saturate smoothly, cost = cap s / (cap + s) with s = half the squared normalised residual (Geman-McClure).
 """
@@ -26,14 +28,15 @@ from pretouch.estimate import Prior
 from pretouch.geometry import Array
 from pretouch.tof import Scan, Sensor
 from pretouch_registrar.engines.camera_model import (
+    CELL,
+    INSIDE,
     KIND,
     OBJECT,
-    OBJECT_WAY,
+    OUTWARD,
     PLANE,
-    TABLE,
-    TABLE_WAY,
+    POINT,
     TO_OBJECT,
-    TO_TABLE,
+    TOP,
     UNSEEN,
     CameraModel,
 )  # fmt: skip
@@ -44,10 +47,12 @@ SURFACE_STD = 0.0020
 """m: how well a smoothed surface point of the camera is known, as one local patch."""
 EDGE_STD = 0.0025
 """m: how well the silhouette is known, laterally."""
-NEAR_TABLE_PX = 40.0
-"""Further inside a silhouette a point is not taken to be the table's."""
-REACH = 0.012
-"""m: a beam that is seen this far behind a surface has not pierced it there; it has gone past its edge."""
+EDGE_SLACK_PX = 0.7
+"""A silhouette is known to about this many pixels: lateral distances below it cost nothing."""
+FOOTPRINT_SLACK = 0.0015
+"""m: likewise for the footprint's outline, half a cell."""
+BELOW = 0.006
+"""m: a point this far below a seen part of the object is below it, whatever the noise."""
 EFFECTIVE_SAMPLES = 30.0
 """Independent samples that one scan is worth: neighbours share the model's error."""
 
@@ -74,7 +79,8 @@ class Problem:
 
     def arguments(self) -> tuple[Any, ...]:
         """What every kernel takes after the pose."""
-        return self.beams, self.centroid, self.optics, self.table, self.noise, self.model.pixels
+        m = self.model
+        return self.beams, self.centroid, self.optics, self.table, self.noise, m.pixels, m.footprint, m.frame
 
 
 def beam_rows(scans: Sequence[Scan]) -> Array:
@@ -152,17 +158,39 @@ def project(x: float, y: float, z: float, o: Array) -> tuple[float, float, float
     return u, v, depth
 
 
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def cell_of(x: float, y: float, z: float, footprint: NDArray[np.float32], frame: Array) -> tuple[int, int]:
+    """The footprint's cell that a point in base stands over; -1, -1 outside."""
+    a = int(np.floor((frame[0] * x + frame[1] * y + frame[2] * z - frame[6]) / CELL))
+    b = int(np.floor((frame[3] * x + frame[4] * y + frame[5] * z - frame[7]) / CELL))
+    if a < 0 or b < 0 or a >= footprint.shape[0] or b >= footprint.shape[1]:
+        return -1, -1
+    return a, b
+
+
 @njit(cache=True, nogil=True, fastmath=True)
 def point_residual(
-    x: float, y: float, z: float, optics: Array, table: Array, noise: Array, pixels: NDArray[np.float32], out: Array
-) -> float:
+    x: float, y: float, z: float, optics: Array, table: Array, noise: Array, pixels: NDArray[np.float32],
+    footprint: NDArray[np.float32], frame: Array, out: Array,
+) -> float:  # fmt: skip
     """The cheapest explanation of a returned point (x, y, z), where the camera would have put it.
 
-    Fills `out` (8,): normalised residual and its gradient by the point, twice (surface or table; lateral).
-    Returns the cap.
+    Fills `out` (12,): normalised residual and its gradient by the point, three times (surface or table; within the
+    surface; inside the footprint). Returns the cap.
     """
     out[4] = 0.0
-    height = (table[0] * x + table[1] * y + table[2] * z - table[3]) / noise[1]
+    out[8] = 0.0
+    above = table[0] * x + table[1] * y + table[2] * z - table[3]
+    height = above / noise[1]
+    below = 0.0
+    a, b = cell_of(x, y, z, footprint, frame)
+    if a >= 0 and footprint[a, b, TOP] > above + BELOW:
+        cell = footprint[a, b]
+        below = max(cell[INSIDE] - FOOTPRINT_SLACK, 0.0) / noise[2]
+        if below > 0:
+            out[8] = below
+            for k in range(3):
+                out[9 + k] = -(cell[OUTWARD] * frame[k] + cell[OUTWARD + 1] * frame[3 + k]) / noise[2]
     u, v, depth = project(x, y, z, optics)
     i, j = int(np.floor(v + 0.5)), int(np.floor(u + 0.5))
     if depth <= 0 or i < 0 or j < 0 or i >= pixels.shape[0] or j >= pixels.shape[1]:
@@ -171,53 +199,47 @@ def point_residual(
             out[1 + k] = table[k] / noise[1]
         return CAP_BEHIND
     pixel = pixels[i, j]
-    surface = (pixel[PLANE] * x + pixel[PLANE + 1] * y + pixel[PLANE + 2] * z - pixel[PLANE + 3]) / noise[0]
-    per_px = depth / optics[12] / noise[2]
-    edge = pixel[TO_OBJECT] * per_px
-    inside = pixel[TO_TABLE] * per_px
+    surface = pixel[PLANE] * x + pixel[PLANE + 1] * y + pixel[PLANE + 2] * z - pixel[PLANE + 3]
+    edge, e0, e1, e2 = 0.0, 0.0, 0.0, 0.0
+    if pixel[TO_OBJECT] > 0:
+        e0 = x - pixel[POINT] - surface * pixel[PLANE]
+        e1 = y - pixel[POINT + 1] - surface * pixel[PLANE + 1]
+        e2 = z - pixel[POINT + 2] - surface * pixel[PLANE + 2]
+        length = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2) + 1e-12
+        edge = max(length - EDGE_SLACK_PX * depth / optics[12], 0.0) / noise[2]
+        e0, e1, e2 = e0 / length, e1 / length, e2 / length
     kind = pixel[KIND]
     cap = CAP_FRONT
-    if kind == UNSEEN or (kind == OBJECT and surface < 0):
+    if below == 0 and (kind == UNSEEN or (kind == OBJECT and surface < 0)):
         cap = CAP_BEHIND
-    if pixel[TO_TABLE] < NEAR_TABLE_PX and height * height + inside * inside < surface * surface + edge * edge:
-        if kind == TABLE:
-            cap = CAP_FRONT
+    surface /= noise[0]
+    if height * height < surface * surface + edge * edge:
         out[0] = height
         for k in range(3):
             out[1 + k] = table[k] / noise[1]
-        lateral, way = inside, TABLE_WAY
     else:
         out[0] = surface
         for k in range(3):
             out[1 + k] = pixel[PLANE + k] / noise[0]
-        lateral, way = edge, OBJECT_WAY
-    if lateral > 0:
-        out[4] = lateral
-        for k in range(3):  # the image's axes in base are columns 0 and 1 of the camera's rotation
-            out[5 + k] = (pixel[way] * optics[3 * k] + pixel[way + 1] * optics[3 * k + 1]) / noise[2]
+        if edge > 0:
+            out[4] = edge
+            out[5], out[6], out[7] = e0 / noise[2], e1 / noise[2], e2 / noise[2]
     return cap
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _miss_cost(
     x: float, y: float, z: float, dx: float, dy: float, dz: float,
-    optics: Array, noise: Array, pixels: NDArray[np.float32],
+    optics: Array, table: Array, noise: Array, footprint: NDArray[np.float32], frame: Array,
 ) -> float:  # fmt: skip
-    """What a beam without a return, given where the camera puts it, pays for piercing the seen surface."""
-    pace = 0.004
-    for _ in range(int(optics[16] / pace)):
+    """What a beam without a return, given where the camera puts it, pays for piercing the seen object from above."""
+    pace = 0.01
+    for _ in range(int(optics[16] / pace + 0.5)):
         x, y, z = x + pace * dx, y + pace * dy, z + pace * dz
-        u, v, depth = project(x, y, z, optics)
-        i, j = int(np.floor(v + 0.5)), int(np.floor(u + 0.5))
-        if depth <= 0 or i < 0 or j < 0 or i >= pixels.shape[0] or j >= pixels.shape[1]:
-            continue
-        pixel = pixels[i, j]
-        if pixel[KIND] != OBJECT:
-            continue
-        surface = pixel[PLANE] * x + pixel[PLANE + 1] * y + pixel[PLANE + 2] * z - pixel[PLANE + 3]
-        if -REACH < surface < -0.001:
-            inside = pixel[TO_TABLE] * depth / optics[12] / noise[2]
-            s = 0.5 * inside * inside
+        a, b = cell_of(x, y, z, footprint, frame)
+        if a >= 0 and footprint[a, b, TOP] > table[0] * x + table[1] * y + table[2] * z - table[3] + BELOW:
+            below = max(footprint[a, b, INSIDE] - FOOTPRINT_SLACK, 0.0) / noise[2]
+            s = 0.5 * below * below
             return CAP_FRONT * s / (CAP_FRONT + s)
     return 0.0
 
@@ -225,12 +247,12 @@ def _miss_cost(
 @njit(cache=True, nogil=True, fastmath=True)
 def total_cost(
     x: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
-    pixels: NDArray[np.float32],
+    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
 ) -> float:  # fmt: skip
     """Cost of the correction x (6,): weighted samples plus the prior; `factor` widens all noise (annealing)."""
     r = rotation_of(x[:3])
     wide = noise * factor
-    out = np.zeros(8)
+    out = np.zeros(12)
     cost = 0.0
     for k in range(6):
         cost += 0.5 * x[k] * x[k] * prior[k]
@@ -241,38 +263,38 @@ def total_cost(
         q1 = r[0, 1] * y0 + r[1, 1] * y1 + r[2, 1] * y2 + centroid[1]
         q2 = r[0, 2] * y0 + r[1, 2] * y1 + r[2, 2] * y2 + centroid[2]
         if b[6] > 0:
-            cap = point_residual(q0, q1, q2, optics, table, wide, pixels, out)
-            s = 0.5 * (out[0] * out[0] + out[4] * out[4])
+            cap = point_residual(q0, q1, q2, optics, table, wide, pixels, footprint, frame, out)
+            s = 0.5 * (out[0] * out[0] + out[4] * out[4] + out[8] * out[8])
             cost += b[7] * cap * s / (cap + s)
         else:
             d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
             d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
             d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
-            cost += b[7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, wide, pixels)
+            cost += b[7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, table, wide, footprint, frame)
     return cost
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def costs(
     xs: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
-    pixels: NDArray[np.float32],
+    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
 ) -> Array:  # fmt: skip
     """`total_cost` of each row of xs (m, 6)."""
     result = np.empty(xs.shape[0])
     for m in range(xs.shape[0]):
-        result[m] = total_cost(xs[m], factor, prior, beams, centroid, optics, table, noise, pixels)
+        result[m] = total_cost(xs[m], factor, prior, beams, centroid, optics, table, noise, pixels, footprint, frame)
     return result
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def normal_equations(
     x: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
-    pixels: NDArray[np.float32],
+    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """Information (6, 6), gradient (6,) and cost at x for a Gauss-Newton step, robust weights frozen (IRLS)."""
     r = rotation_of(x[:3])
     wide = noise * factor
-    out, row = np.zeros(8), np.empty(6)
+    out, row = np.zeros(12), np.empty(6)
     information = np.zeros((6, 6))
     gradient = np.zeros(6)
     cost = 0.0
@@ -290,13 +312,13 @@ def normal_equations(
             d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
             d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
             d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
-            cost += b[7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, wide, pixels)
+            cost += b[7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, table, wide, footprint, frame)
             continue
-        cap = point_residual(q0, q1, q2, optics, table, wide, pixels, out)
-        s = 0.5 * (out[0] * out[0] + out[4] * out[4])
+        cap = point_residual(q0, q1, q2, optics, table, wide, pixels, footprint, frame, out)
+        s = 0.5 * (out[0] * out[0] + out[4] * out[4] + out[8] * out[8])
         cost += b[7] * cap * s / (cap + s)
         weight = b[7] * (cap / (cap + s)) ** 2
-        for part in range(0, 8, 4):
+        for part in range(0, 12, 4):
             if out[part] == 0.0:
                 continue
             g0 = r[0, 0] * out[part + 1] + r[0, 1] * out[part + 2] + r[0, 2] * out[part + 3]
@@ -313,14 +335,15 @@ def normal_equations(
 
 @njit(cache=True, nogil=True, fastmath=True)
 def sample_residuals(
-    x: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array, pixels: NDArray[np.float32]
-) -> tuple[Array, NDArray[np.bool_]]:
+    x: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
+    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
+) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
     """For each beam (n,): its residual along the surface's normal, m, and whether it agrees within 3 sigma.
 
     Misses do not agree with anything.
     """
     r = rotation_of(x[:3])
-    out = np.zeros(8)
+    out = np.zeros(12)
     residual = np.zeros(beams.shape[0])
     agrees = np.zeros(beams.shape[0], dtype=np.bool_)
     for n in range(beams.shape[0]):
@@ -331,7 +354,7 @@ def sample_residuals(
         q0 = r[0, 0] * y0 + r[1, 0] * y1 + r[2, 0] * y2 + centroid[0]
         q1 = r[0, 1] * y0 + r[1, 1] * y1 + r[2, 1] * y2 + centroid[1]
         q2 = r[0, 2] * y0 + r[1, 2] * y1 + r[2, 2] * y2 + centroid[2]
-        point_residual(q0, q1, q2, optics, table, noise, pixels, out)
+        point_residual(q0, q1, q2, optics, table, noise, pixels, footprint, frame, out)
         residual[n] = out[0] / np.sqrt(out[1] * out[1] + out[2] * out[2] + out[3] * out[3])
-        agrees[n] = out[0] * out[0] + out[4] * out[4] < 9.0
+        agrees[n] = out[0] * out[0] + out[4] * out[4] + out[8] * out[8] < 9.0
     return residual, agrees

@@ -23,10 +23,12 @@ _MAX_STEPS = 4
 """Neighbours on each side of a plane fit; wider windows are thinned out to this many."""
 
 
-PLANE, TO_OBJECT, OBJECT_WAY, TO_TABLE, TABLE_WAY, KIND = 0, 4, 5, 7, 8, 10
+PLANE, POINT, TO_OBJECT, KIND = 0, 4, 7, 8
 """Where a pixel's fields begin, see `CameraModel.pixels`."""
-EDGE_SLACK_PX = 0.7
-"""A silhouette is known to about this many pixels: lateral distances below it count as none."""
+TOP, INSIDE, OUTWARD = 0, 1, 2
+"""Where a cell's fields begin, see `CameraModel.footprint`."""
+CELL = 0.003
+"""m: side of a cell of the footprint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +36,18 @@ class CameraModel:
     """One scene's surface, in base as the camera puts it.
 
     Attributes:
-        pixels: (h, w, 11) float32. Per pixel: the plane n . p = d of the nearest object pixel's smoothed surface (n
-            towards the camera, d in m); lateral distance to that pixel, px beyond EDGE_SLACK_PX, and the unit vector
-            (u, v) from it; the same distance and vector for the nearest table pixel; the pixel's kind.
+        pixels: (h, w, 9) float32. Per pixel: the plane n . p = d of the nearest object pixel's smoothed surface (n
+            towards the camera, d in m); that surface's point (3), m; distance to that pixel, px; the pixel's kind.
+        footprint: (nx, ny, 4) float32, the object seen from above in cells of the table's plane. Per cell: height of
+            the highest seen point above the table, m, below 0 where there is none; distance to the nearest cell
+            without, m; unit vector (x, y) from here towards it.
+        frame: (8,): the table's x axis (3) and y axis (3) in base, and the footprint's first corner (x, y), m.
     """
 
     scene: Scene
     pixels: NDArray[np.float32]
+    footprint: NDArray[np.float32]
+    frame: Array
 
 
 def build(scene: Scene) -> CameraModel:
@@ -55,27 +62,33 @@ def build(scene: Scene) -> CameraModel:
     )
     points = scene.base_T_camera.apply(camera.organised(depth))
     normals = scene.base_T_camera.rotate(normals)
-    planes = np.concatenate([normals, np.einsum("ijk,ijk->ij", normals, points)[..., None]], axis=2)
+    planes = np.concatenate([normals, np.einsum("ijk,ijk->ij", normals, points)[..., None], points], axis=2)
     noise = 0.0012 + 0.0019 * (metres - 0.4) ** 2
     table = (~scene.mask) & (metres > 0) & (np.abs(scene.table.height(scene.organised)) < 0.003 + 3 * noise)
-    to_object, nearest = _nearest(scene.mask)
-    to_table, _ = _nearest(table)
+    distance, nearest = ndimage.distance_transform_edt(~scene.mask, return_indices=True)
     kind = np.where(scene.mask, OBJECT, np.where(table, TABLE, UNSEEN))
-    pixels = np.concatenate([planes[nearest[0], nearest[1]], to_object, to_table, kind[..., None]], axis=2)
-    return CameraModel(scene, np.ascontiguousarray(pixels, dtype=np.float32))
+    pixels = np.concatenate([planes[nearest[0], nearest[1]], distance[..., None], kind[..., None]], axis=2)
+    footprint, frame = _footprint(scene, points[scene.mask])
+    return CameraModel(scene, np.ascontiguousarray(pixels, dtype=np.float32), footprint, frame)
 
 
-def _nearest(mask: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int32]]:
-    """Distance and unit vector (u, v) from the mask's nearest pixel (h, w, 3), and that pixel's (v, u) (2, h, w)."""
-    v, u = np.indices(mask.shape)
-    if not mask.any():
-        nowhere = np.zeros((*mask.shape, 3))
-        nowhere[..., 0] = 1e6
-        return nowhere, np.stack([v, u])
-    distance, nearest = ndimage.distance_transform_edt(~mask, return_indices=True)
-    length = np.maximum(distance, 1e-9)
-    fields = [np.maximum(distance - EDGE_SLACK_PX, 0), (u - nearest[1]) / length, (v - nearest[0]) / length]
-    return np.stack(fields, axis=2), nearest
+def _footprint(scene: Scene, points: Array) -> tuple[NDArray[np.float32], Array]:
+    """The object's surface points (n, 3) from above, as `CameraModel.footprint` and `CameraModel.frame`."""
+    axes = scene.table.frame().rotation
+    xy = points @ axes[:, :2]
+    corner = xy.min(axis=0) - 4 * CELL
+    cells = np.floor((xy - corner) / CELL).astype(np.int64)
+    top = np.full(tuple(cells.max(axis=0) + 5), -1.0)
+    np.maximum.at(top, tuple(cells.T), scene.table.height(points))
+    seen = top >= 0
+    closed = ndimage.binary_closing(seen, iterations=1)
+    _, nearest = ndimage.distance_transform_edt(~seen, return_indices=True)
+    top = np.where(closed, top[nearest[0], nearest[1]], -1.0)
+    inside, edge = ndimage.distance_transform_edt(closed, return_indices=True)
+    outward = np.moveaxis(edge - np.indices(closed.shape), 0, 2)
+    outward = outward / np.maximum(inside, 1e-9)[..., None]
+    fields = np.concatenate([top[..., None], inside[..., None] * CELL, outward], axis=2)
+    return np.ascontiguousarray(fields, dtype=np.float32), np.concatenate([axes[:, 0], axes[:, 1], corner])
 
 
 @njit(cache=True)

@@ -55,11 +55,13 @@ def _thinned(problem: Problem) -> Problem:
 @njit(cache=True, nogil=True)
 def refine(
     x: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
-    pixels: NDArray[np.float32],
+    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
 ) -> Array:  # fmt: skip
     """Levenberg-Marquardt on robust weights from x (6,), at noise widened by `factor`."""
     damping = 1e-3
-    information, gradient, cost = normal_equations(x, factor, prior, beams, centroid, optics, table, noise, pixels)
+    information, gradient, cost = normal_equations(
+        x, factor, prior, beams, centroid, optics, table, noise, pixels, footprint, frame
+    )
     for _ in range(_STEPS):
         damped = information.copy()
         for k in range(6):
@@ -68,7 +70,7 @@ def refine(
         turn: Array = vector_of(rotation_of(step[:3]) @ rotation_of(x[:3]))
         moved = np.concatenate((turn, x[3:] + step[3:]))
         new_information, new_gradient, new_cost = normal_equations(
-            moved, factor, prior, beams, centroid, optics, table, noise, pixels
+            moved, factor, prior, beams, centroid, optics, table, noise, pixels, footprint, frame
         )
         if new_cost < cost:
             gain = cost - new_cost

@@ -1,0 +1,174 @@
+"""Registrar and detector over real gRPC: the same answers as in process, and clear refusals."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from google.protobuf.message import Message
+from grpc.aio import AioRpcError
+from pretouch_detector.service import running as detector_running
+from pretouch_registrar.registration import Settings as RegistrationSettings
+from pretouch_registrar.registration import register
+from pretouch_registrar.service import running as registrar_running
+from scenes import Box, World
+
+from pretouch.channel import open_channel
+from pretouch.errors import InvalidInput, Malformed, PretouchError, TooLarge, Unavailable, from_rpc_error
+from pretouch.geometry import Pose
+from pretouch.serving import Running, Settings, started
+from pretouch.tof import Scan, Sensor
+from pretouch.trajectory import Trajectory
+from pretouch.v1 import detector_pb2, registrar_pb2
+from pretouch.v1.detector_pb2_grpc import DetectorServiceStub
+from pretouch.v1.registrar_pb2_grpc import RegistrarServiceStub
+from pretouch.wire.common import array_to_proto, estimate_from_proto, scan_to_proto, scene_to_proto
+
+WORLD = World((Box.standing((0.08, 0.06, 0.05), yaw=0.3),))
+SCENE = WORLD.scene().cropped(0.08)[0]
+MIB = 2**20
+
+
+def path(y: float) -> Trajectory:
+    tip = np.tile(np.eye(4), (2, 1, 1))
+    tip[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    tip[:, :3, 3] = [(-0.07, y, 0.08), (0.07, y, 0.08)]
+    return Trajectory(np.array([0.0, 2.8]), tip)
+
+
+def scans() -> list[Scan]:
+    truth = WORLD.moved(Pose.from_rotation_vector((0, 0, 0.05), (0.01, -0.01, 0.008)))
+    return [truth.scanned(path(y), Sensor()).beams(Sensor()) for y in (-0.01, 0.0, 0.02)]
+
+
+@asynccontextmanager
+async def served(name: str, running: Running, stub: Any) -> AsyncIterator[Any]:
+    async with (
+        started(name, running, Settings(grace=1.0)) as service,
+        open_channel(f"127.0.0.1:{service.port}") as channel,
+    ):
+        yield stub(channel)
+
+
+def stream(*steps: dict[str, Any]) -> list[registrar_pb2.RegisterStreamRequest]:
+    return [registrar_pb2.RegisterStreamRequest(**step) for step in steps]
+
+
+def scene_steps(chunk: int = MIB) -> list[registrar_pb2.RegisterStreamRequest]:
+    data = scene_to_proto(SCENE).SerializeToString()
+    header = registrar_pb2.RegisterStreamHeader(scene_bytes=len(data))
+    return stream({"header": header}, *({"scene_chunk": data[k : k + chunk]} for k in range(0, len(data), chunk)))
+
+
+async def refusal(call: Any) -> PretouchError:
+    async def answered() -> None:
+        if hasattr(call, "__aiter__"):
+            async for _ in call:
+                pass
+        else:
+            await call
+
+    with pytest.raises(AioRpcError) as raised:
+        await answered()
+    return from_rpc_error(raised.value)
+
+
+async def test_a_stream_gives_the_same_answers_as_single_calls_and_as_the_library() -> None:
+    async with served("registrar", registrar_running, RegistrarServiceStub) as stub:
+        steps = scene_steps(chunk=50_000) + stream(*({"scan": scan_to_proto(scan)} for scan in scans()))
+        streamed = [
+            estimate_from_proto(answer.estimate) async for answer in stub.RegisterStream(iter(steps), timeout=60)
+        ]
+        assert len(streamed) == 3
+        for k, answer in enumerate(streamed, start=1):
+            request = registrar_pb2.RegisterRequest(
+                scene=scene_to_proto(SCENE), scans=[scan_to_proto(s) for s in scans()[:k]]
+            )
+            single = estimate_from_proto((await stub.Register(request, timeout=60)).estimate)
+            library = register(SCENE, scans()[:k], RegistrationSettings())
+            for other in (single, library):
+                assert answer.base_T_correction.is_close(other.base_T_correction, 1e-12)
+                np.testing.assert_array_equal(answer.covariance, other.covariance)
+        errors = [answer.expected_error for answer in streamed]
+        assert errors == sorted(errors, reverse=True)
+
+
+async def test_predictions_come_one_a_candidate() -> None:
+    async with served("registrar", registrar_running, RegistrarServiceStub) as stub:
+        candidates = [
+            registrar_pb2.CandidatePath(t=array_to_proto(p.t, "f8"), base_t_tip=array_to_proto(p.base_T_tip, "f8"))
+            for p in (path(0.0), path(0.3))
+        ]
+        request = registrar_pb2.PredictScansRequest(scene=scene_to_proto(SCENE), candidates=candidates)
+        across, elsewhere = (await stub.PredictScans(request, timeout=60)).expected_errors
+        assert across < elsewhere
+
+
+def _broken(**change: Any) -> registrar_pb2.RegisterRequest:
+    request = registrar_pb2.RegisterRequest(scene=scene_to_proto(SCENE), scans=[scan_to_proto(scans()[0])])
+    for name, value in change.items():
+        part: Message = request
+        *owners, last = name.split("__")
+        for owner in owners:
+            part = getattr(part, owner)
+        if isinstance(value, Message):
+            getattr(part, last).CopyFrom(value)
+        else:
+            setattr(part, last, value)
+    return request
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        _broken(settings__engine="magic"),
+        _broken(settings__prior__translation_std=-1.0),
+        _broken(scene__camera__fx=float("nan")),
+        _broken(scene__mask=array_to_proto(np.zeros((3, 3)), "u1")),
+        _broken(scene__depth__data=b"123"),
+        registrar_pb2.RegisterRequest(),
+    ],
+    ids=["engine", "prior", "camera", "mask", "depth", "empty"],
+)
+async def test_a_bad_request_is_refused_with_what_to_do(request_: registrar_pb2.RegisterRequest) -> None:
+    async with served("registrar", registrar_running, RegistrarServiceStub) as stub:
+        error = await refusal(stub.Register(request_, timeout=60))
+        assert isinstance(error, InvalidInput)
+        assert error.detail
+        assert error.remedy
+
+
+async def test_a_stream_out_of_order_is_refused() -> None:
+    header = registrar_pb2.RegisterStreamHeader
+    scan = {"scan": scan_to_proto(scans()[0])}
+    cases: list[tuple[list[registrar_pb2.RegisterStreamRequest], type[PretouchError]]] = [
+        ([], InvalidInput),
+        (stream(scan), InvalidInput),
+        (stream({"header": header(scene_bytes=2**40)}), TooLarge),
+        (stream({"header": header(scene_bytes=4)}, {"scene_chunk": b"\xff\xff\xff\xff"}), Malformed),
+        (stream({"header": header(scene_bytes=4)}, {"scene_chunk": b"12345"}), InvalidInput),
+        (scene_steps()[:-1], InvalidInput),
+        (scene_steps() + stream({"scene_chunk": b"1"}), InvalidInput),
+    ]
+    async with served("registrar", registrar_running, RegistrarServiceStub) as stub:
+        for steps, kind in cases:
+            assert type(await refusal(stub.RegisterStream(iter(steps), timeout=60))) is kind
+
+
+async def test_the_detector_proposes_and_names_what_is_ready() -> None:
+    async with served("detector", detector_running, DetectorServiceStub) as stub:
+        listed = (await stub.ListProposers(detector_pb2.ListProposersRequest(), timeout=60)).proposers
+        ready = [info.name for info in listed if info.ready]
+        assert ready == ["stability", "random"]
+        assert all(info.reason for info in listed if not info.ready)
+        scene = scene_to_proto(SCENE)
+        answer = await stub.Propose(detector_pb2.ProposeRequest(scene=scene, count=7), timeout=60)
+        assert answer.proposer == "stability"
+        assert len(answer.regions) == 7
+        unready = detector_pb2.ProposeRequest(scene=scene, proposer="deep")
+        assert isinstance(await refusal(stub.Propose(unready, timeout=60)), Unavailable)
+        unknown = detector_pb2.ProposeRequest(scene=scene, proposer="oracle")
+        assert isinstance(await refusal(stub.Propose(unknown, timeout=60)), InvalidInput)
