@@ -25,8 +25,8 @@ _OCCLUDERS = 0.06
 """m beyond the path's reach that are looked at for things that cast a shadow."""
 _SMOOTHED = 5
 """Perimeter pixels averaged: depth noise would make the path zigzag."""
-_MAX_PERIMETER = 4000
-"""Pixels along a perimeter that are looked at."""
+_MAX_STEPS = 4000
+"""Pixels, and then places, along one perimeter that are looked at."""
 _WAYPOINT_SPACING = 0.006
 _MAX_WAYPOINTS = 180
 _HEIGHT_STEP = 0.001
@@ -85,7 +85,7 @@ def _ground_path(
         places: (h, w, 2), m: what lies at each pixel, seen from above.
         shown: (h, w): pixels that show object or table.
     """
-    spacing = max(1.0, 2 * (rectangle.w + rectangle.h) / _MAX_PERIMETER)
+    spacing = max(1.0, 2 * (rectangle.w + rectangle.h) / _MAX_STEPS)
     pixels = np.round(rectangle.perimeter(spacing)[:-1]).astype(np.intp)
     h, w = shown.shape
     u, v = pixels.clip(0, (w - 1, h - 1)).T
@@ -97,14 +97,19 @@ def _ground_path(
     corners = places[v[known], u[known]]
     loop = np.stack([np.interp(steps, known, corners[:, k], period=len(steps)) for k in (0, 1)], axis=1)
     loop = ndimage.uniform_filter1d(loop, _SMOOTHED, axis=0, mode="wrap")
+    loop = _evenly(np.concatenate([loop, loop[:1]]), surface.cell, _MAX_STEPS)[:-1]
     away = surface.object_distance[surface.index(loop)]
     if away.min() > 2 * surface.cell:
         return None
     line = _opened(loop, away <= _WORTHWHILE)
-    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    count = int(np.clip(np.ceil(travelled[-1] / _WAYPOINT_SPACING), 0, _MAX_WAYPOINTS))
-    if count == 0:
-        return None
+    path = _evenly(line, _WAYPOINT_SPACING, _MAX_WAYPOINTS)
+    return path if len(path) > 2 else None
+
+
+def _evenly(line: Array, spacing: float, most: int) -> Array:
+    """Points (n, 2) along a polyline (m, 2), `spacing` m apart or a little less; further where they were > `most`."""
+    travelled = np.insert(np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)), 0, 0.0)
+    count = int(np.clip(np.ceil(travelled[-1] / spacing), 1, most))
     at = np.linspace(0.0, travelled[-1], count + 1)
     return np.stack([np.interp(at, travelled, line[:, k]) for k in (0, 1)], axis=1)
 

@@ -1,0 +1,225 @@
+"""The fingertip's path keeps its distance, its speed and its orientation, and goes where a scan tells something."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pretouch_orchestrator.path import plan_paths
+from scenes import KINECT, Box, View, World, looking
+from scipy.spatial import KDTree
+
+from pretouch.camera import DepthImage
+from pretouch.estimate import Estimate, Prior, from_prior
+from pretouch.geometry import Array, Pose, rotation_from_vector
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch.session import ScanSettings
+from pretouch.trajectory import Trajectory
+
+FINGER = 0.010
+CLOSEST = 0.005
+DRAWS = 250
+
+
+def estimated(scene: Scene, correction: Pose, translation_std: float, rotation_std: float) -> Estimate:
+    covariance = np.diag([rotation_std**2] * 3 + [translation_std**2] * 3)
+    return Estimate(correction, scene.centroid, covariance, 0.01, 0.02)
+
+
+def rectangle_over(scene: Scene, x: float, y: float, w: float, h: float, theta: float) -> RotatedRectangle:
+    """A rectangle placed and sized in shares of the object's bounding box."""
+    u0, v0, u1, v1 = scene.bounds()
+    return RotatedRectangle(u0 + x * (u1 - u0), v0 + y * (v1 - v0), w * (u1 - u0), h * (v1 - v0), theta)
+
+
+def drawn(estimate: Estimate, rng: np.random.Generator) -> Pose:
+    """A true correction as likely as `estimate` says."""
+    w, d = np.split(rng.multivariate_normal(np.zeros(6), estimate.covariance), 2)
+    rotation = rotation_from_vector(w) @ estimate.base_T_correction.rotation
+    to = estimate.base_T_correction.apply(estimate.centroid) + d
+    return Pose.of(rotation, to - rotation @ estimate.centroid)
+
+
+def dense(path: Trajectory, step: float = 0.001) -> Array:
+    """Tip positions along the path, at most about `step` m apart."""
+    times = np.linspace(0.0, path.t[-1], 2 + int(path.length / step))
+    return np.stack([np.interp(times, path.t, path.base_T_tip[:, k, 3]) for k in range(3)], axis=1)
+
+
+sides = st.tuples(st.floats(0.03, 0.14), st.floats(0.03, 0.14), st.floats(0.01, 0.14))
+neighbours = st.lists(st.tuples(sides, st.floats(0.05, 0.2), st.floats(-3.1, 3.1), st.floats(-3, 3)), max_size=2)
+rectangles = st.lists(
+    st.tuples(*[st.floats(0, 1)] * 2, *[st.floats(0.1, 1.3)] * 2, st.floats(-1.5, 1.5)), min_size=1, max_size=4
+)
+corrections = st.builds(
+    Pose.from_rotation_vector, st.tuples(*[st.floats(-0.1, 0.1)] * 3), st.tuples(*[st.floats(-0.02, 0.02)] * 3)
+)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    object_sides=sides,
+    yaw=st.floats(-3, 3),
+    others=neighbours,
+    boxes=rectangles,
+    correction=corrections,
+    translation_std=st.floats(0.0005, 0.015),
+    rotation_std=st.floats(0.001, 0.06),
+    scan=st.builds(ScanSettings, st.floats(0.012, 0.05), st.floats(0.02, 0.2)),
+    down=st.floats(35, 70),
+    seed=st.integers(0, 1000),
+)
+def test_whatever_is_there_the_tip_keeps_clear_of_it_and_within_its_speed(
+    object_sides: tuple[float, ...],
+    yaw: float,
+    others: list[tuple[tuple[float, ...], float, float, float]],
+    boxes: list[tuple[float, ...]],
+    correction: Pose,
+    translation_std: float,
+    rotation_std: float,
+    scan: ScanSettings,
+    down: float,
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    placed = [Box.standing(size, (r * np.cos(a), r * np.sin(a)), turn) for size, r, a, turn in others]
+    world = World((Box.standing(object_sides, yaw=yaw), *placed))
+    view = View(looking((0, 0, 0.02), 0.8, down))
+    depth, mask = world.depth(view, rng)
+    if mask.sum() < 60:
+        return
+    scene, _ = Scene(depth, view.camera, view.base_T_camera, mask, world.table).cropped(0.15)
+    estimate = estimated(scene, correction, translation_std, rotation_std)
+    truths = [world.moved(drawn(estimate, rng)) for _ in range(DRAWS)]
+    for path in plan_paths(scene, [rectangle_over(scene, *box) for box in boxes], estimate, scan):
+        if path is None:
+            continue
+        assert path.t[0] == 0
+        assert 2 <= len(path.t) <= 200
+        steps = np.linalg.norm(np.diff(path.base_T_tip[:, :3, 3], axis=0), axis=1)
+        assert (steps / np.diff(path.t)).max() <= scan.speed
+        np.testing.assert_allclose(path.base_T_tip[:, :3, :3], path.base_T_tip[:1, :3, :3].repeat(len(path.t), 0))
+        np.testing.assert_allclose(path.base_T_tip[0, :3, 2], -world.table.moved(correction).normal, atol=1e-9)
+        tips = dense(path, 0.003)
+        assert world.moved(correction).distance(tips).min() >= min(scan.standoff, FINGER)
+        too_close = sum(truth.distance(tips).min() < CLOSEST for truth in truths)
+        assert too_close == 0
+
+
+def believed_clearance(scene: Scene, estimate: Estimate, tips: Array, radius: float) -> Array:
+    """Heights (n,) of tips above the highest point that the camera saw within `radius` of their beams."""
+    table = scene.table.moved(estimate.base_T_correction)
+    frame = table.frame().inverse()
+    seen = frame.apply(estimate.base_T_correction.apply(scene.organised[scene.depth.metres > 0]))
+    places = frame.apply(tips)
+    near = KDTree(seen[:, :2]).query_ball_point(places[:, :2], radius)
+    return np.array([z - seen[k, 2].max(initial=0.0) for k, z in zip(near, places[:, 2], strict=True)])
+
+
+@pytest.mark.parametrize("std", [0.0005, 0.003, 0.0115])
+def test_the_tip_keeps_the_standoff_over_all_that_may_be_near_and_no_more(std: float) -> None:
+    world = World((Box.standing((0.1, 0.08, 0.04)), Box.standing((0.05, 0.05, 0.07), (0.0, 0.11))))
+    scene, _ = world.scene(KINECT, np.random.default_rng(0)).cropped(0.15)
+    estimate = estimated(scene, Pose.from_rotation_vector((0.02, 0.03, 0.2), (0.01, 0, -0.01)), std, 1e-4)
+    boxes = [rectangle_over(scene, 0.5, 0.5, s, s, a) for s in (0.4, 0.8, 1.0) for a in (0, 0.7)]
+    paths = plan_paths(scene, boxes, estimate, ScanSettings())
+    for path in paths:
+        assert path is not None
+        tips = dense(path)
+        assert believed_clearance(scene, estimate, tips, FINGER + 3 * std).min() >= 0.03 + 3 * std - 1e-4
+        wider = believed_clearance(scene, estimate, tips, FINGER + 4 * std + 0.012)
+        assert wider.min() < 0.03 + 3 * std + 0.006
+
+
+def test_the_path_rises_before_an_edge_and_follows_the_surface_beside_it() -> None:
+    step = World((Box.standing((0.2, 0.1, 0.02)), Box.standing((0.1, 0.1, 0.08), (0.1, 0.0))))
+    depth, _ = step.depth(KINECT)
+    heights = step.scene(KINECT).organised[..., 2]
+    scene, _ = Scene(depth, KINECT.camera, KINECT.base_T_camera, heights > 0.005, step.table).cropped(0.15)
+    estimate = estimated(scene, Pose.identity(), 0.001, 0.001)
+    (path,) = plan_paths(scene, [rectangle_over(scene, 0.5, 0.5, 0.3, 0.75, 0)], estimate, ScanSettings())
+    assert path is not None
+    tips = dense(path)
+    low, high = tips[tips[:, 0] < 0.02], tips[tips[:, 0] > 0.045]
+    assert len(low) > 20
+    assert len(high) > 20
+    assert low[:, 2].max() == pytest.approx(0.02 + 0.03, abs=0.006)
+    assert high[:, 2].min() == pytest.approx(0.08 + 0.03, abs=0.006)
+
+
+def test_a_place_that_the_camera_cannot_see_is_not_taken_for_empty() -> None:
+    hidden = Box.standing((0.03, 0.03, 0.07), (0.065, 0.0))
+    world = World((Box.standing((0.06, 0.1, 0.1)), hidden))
+    depth, mask = world.depth(KINECT)
+    assert (world.scene(KINECT).organised[..., 0][~mask & (depth.metres > 0)] < 0.05).any()
+    scene, _ = world.scene(KINECT).cropped(0.15)
+    estimate = estimated(scene, Pose.identity(), 0.0005, 0.001)
+    boxes = [rectangle_over(scene, 0.5, y, 0.7, 0.5, 0) for y in (0.0, 0.1, 0.2)]
+    for path in plan_paths(scene, boxes, estimate, ScanSettings(0.012)):
+        assert path is not None
+        assert dense(path)[:, 0].max() > 0.04
+        assert world.distance(dense(path)).min() >= 0.012
+
+
+def test_a_hole_in_the_depth_image_is_bridged_and_not_taken_for_empty() -> None:
+    world = World((Box.standing((0.1, 0.1, 0.06)),))
+    whole, _ = world.scene(KINECT).cropped(0.15)
+    u0, v0, u1, _ = whole.bounds()
+    metres = whole.depth.metres.copy()
+    hole = np.s_[v0 + 8 : v0 + 25, u0 - 15 : u1 + 15]
+    metres[hole] = 0
+    scene = Scene(DepthImage(metres), whole.camera, whole.base_T_camera, whole.mask, whole.table)
+    estimate = estimated(scene, Pose.identity(), 0.0005, 0.001)
+    box = rectangle_over(scene, 0.5, 0.4, 0.8, 0.7, 0)
+    (path,) = plan_paths(scene, [box], estimate, ScanSettings())
+    (sound,) = plan_paths(whole, [box], estimate, ScanSettings())
+    assert path is not None
+    assert sound is not None
+    assert world.distance(dense(path)).min() >= 0.03
+    assert path.length == pytest.approx(sound.length, rel=0.15)
+
+
+def test_a_path_stays_near_the_object_in_one_piece() -> None:
+    world = World((Box.standing((0.09, 0.06, 0.05), yaw=0.3),))
+    scene, _ = world.scene(KINECT, np.random.default_rng(1)).cropped(0.15)
+    cloud = KDTree(scene.cloud[:, :2])
+    estimate = from_prior(Prior(0.001, 0.005), scene.cloud)
+    for x, y in ((0.0, 0.2), (1.0, 0.5), (0.3, 1.0), (0.9, 0.1)):
+        (path,) = plan_paths(scene, [rectangle_over(scene, x, y, 1.0, 0.9, 0.2)], estimate, ScanSettings())
+        assert path is not None
+        distances, _ = cloud.query(dense(path)[:, :2])
+        assert distances.max() < 0.02
+        assert distances.min() < 0.003
+        assert np.linalg.norm(np.diff(path.base_T_tip[:, :2, 3], axis=0), axis=1).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    "box",
+    [
+        RotatedRectangle(20, 20, 15, 15, 0.3),
+        RotatedRectangle(160, 120, 1000, 1000, 0.0),
+        RotatedRectangle(-500, -500, 30, 30, 0.0),
+        RotatedRectangle(1e9, 1e9, 1e9, 1e-3, 1.0),
+        RotatedRectangle(160, 120, 1e-3, 1e-3, 0.0),
+    ],
+    ids=["beside", "around", "outside", "absurd", "a point"],
+)
+def test_a_rectangle_that_would_scan_nothing_of_the_object_has_no_path(box: RotatedRectangle) -> None:
+    scene = World((Box.standing((0.05, 0.05, 0.05)),)).scene()
+    estimate = from_prior(Prior(), scene.cloud)
+    assert plan_paths(scene, [box], estimate, ScanSettings()) == [None]
+
+
+def test_paths_are_planned_for_the_widest_prior_and_from_a_camera_below_the_table() -> None:
+    world = World((Box.standing((0.08, 0.08, 0.05)),))
+    scene = world.scene()
+    box = rectangle_over(scene, 0.5, 0.5, 0.6, 0.6, 0.0)
+    (path,) = plan_paths(scene, [box], from_prior(Prior(1.0, 1.0), scene.cloud), ScanSettings())
+    assert path is not None
+    assert path.base_T_tip[:, 2, 3].min() > 3.0
+    below = Scene(
+        scene.depth, scene.camera, Pose.from_rotation_vector((np.pi, 0, 0), (0, 0, -0.5)), scene.mask, world.table
+    )
+    plan_paths(below, [box], from_prior(Prior(), below.cloud), ScanSettings())
