@@ -20,7 +20,8 @@ lint: $(VENV)/.test
 	$(BIN)/buf lint proto
 
 proto: $(VENV)/.test
-	$(BIN)/python -m grpc_tools.protoc -I proto --python_out=. --grpc_python_out=. --mypy_out=. --mypy_grpc_out=. \
+	$(BIN)/python -m grpc_tools.protoc -I proto --plugin=protoc-gen-mypy=$(BIN)/protoc-gen-mypy \
+	    --plugin=protoc-gen-mypy_grpc=$(BIN)/protoc-gen-mypy_grpc --python_out=. --grpc_python_out=. --mypy_out=. --mypy_grpc_out=. \
 	    proto/pretouch/v1/*.proto
 
 bench: $(VENV)/.test

@@ -16,20 +16,23 @@ Array = NDArray[np.float64]
 
 QUATERNION_NORM_TOLERANCE = 1e-3
 """A quaternion whose norm is within this of 1 is normalised; any other is refused."""
+MAX_DISTANCE = 1e6
+"""m from a frame's origin that a client may place anything; more would drown the millimetres."""
 _ORTHONORMAL_TOLERANCE = 1e-4
 
 
-def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
+def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str, limit: float = np.inf) -> Array:
     """A read-only float64 copy of `values`, checked.
 
     Args:
         values: anything numpy can turn into numbers.
         shape: the shape wanted; None stands for any length.
         name: what the values are called in the error.
+        limit: the largest magnitude that makes sense.
 
     Raises:
         Malformed: not numbers, or not finite.
-        InvalidInput: of another shape.
+        InvalidInput: of another shape, or beyond the limit.
     """
     try:
         array = np.array(values, dtype=np.float64)
@@ -40,25 +43,30 @@ def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) ->
         raise InvalidInput(f"{name} has shape {list(array.shape)}, not {wanted}.", f"Send {name} as {wanted} numbers.")
     if not np.isfinite(array).all():
         raise Malformed(f"{name} holds NaN or infinity.", f"Send finite numbers for {name}.")
+    if limit < np.inf and (np.abs(array) > limit).any():
+        raise InvalidInput(
+            f"{name} holds {array.flat[np.abs(array).argmax()]:g}; the limit is {limit:g}.",
+            f"Check the units of {name}.",
+        )
     array.setflags(write=False)
     return array
 
 
-def skew(v: ArrayLike) -> Array:
-    """The 3x3 matrix [v]x with [v]x w = v x w."""
-    x, y, z = np.asarray(v, dtype=np.float64)
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def rotation_from_vector(rotation_vector: ArrayLike) -> Array:
-    """exp: rotation vector (3,), rad, to a 3x3 matrix (Rodrigues' formula)."""
-    vector = np.asarray(rotation_vector, dtype=np.float64)
-    angle = float(np.linalg.norm(vector))
-    k = skew(vector)
-    if angle < 1e-8:
-        return np.asarray(np.eye(3) + k + 0.5 * k @ k, dtype=np.float64)
-    turn = np.sin(angle) / angle * k + (1.0 - np.cos(angle)) / angle**2 * k @ k
-    return np.asarray(np.eye(3) + turn, dtype=np.float64)
+    """exp: rotation vector (3,), rad, to a 3x3 matrix."""
+    return np.asarray(rotations_from_vectors(np.asarray(rotation_vector, dtype=np.float64)[None])[0], dtype=np.float64)
+
+
+def rotations_from_vectors(rotation_vectors: ArrayLike) -> Array:
+    """exp: rotation vectors (n, 3), rad, to matrices (n, 3, 3) (Rodrigues' formula)."""
+    vectors = np.asarray(rotation_vectors, dtype=np.float64)
+    x, y, z = vectors.T
+    zero = np.zeros(len(vectors))
+    k = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    half = angle / 2
+    rotations = np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(half / np.pi) ** 2 * (k @ k)
+    return np.asarray(rotations, dtype=np.float64)
 
 
 def vector_from_rotation(rotation: ArrayLike) -> Array:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pretouch.errors import InvalidInput
-from pretouch.geometry import Array, frozen_array, rotation_from_vector, vector_from_rotation
+from pretouch.geometry import Array, frozen_array, rotations_from_vectors, vector_from_rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,18 +55,24 @@ class Trajectory:
                 f"{self.t[0]:.6f} to {self.t[-1]:.6f} s.",
                 "Give tip poses that cover the samples' times.",
             )
-        after = np.clip(np.searchsorted(self.t, wanted, side="right"), 1, max(1, len(self.t) - 1))
+        if len(self.t) == 1:
+            return np.repeat(self.base_T_tip, len(wanted), axis=0)
+        after = np.clip(np.searchsorted(self.t, wanted, side="right"), 1, len(self.t) - 1)
+        share = (wanted - self.t[after - 1]) / (self.t[after] - self.t[after - 1])
+        a, b = self.base_T_tip[after - 1], self.base_T_tip[after]
         poses = np.tile(np.eye(4), (len(wanted), 1, 1))
-        for k, (time, end) in enumerate(zip(wanted, after, strict=True)):
-            if len(self.t) == 1:
-                poses[k] = self.base_T_tip[0]
-                continue
-            share = (time - self.t[end - 1]) / (self.t[end] - self.t[end - 1])
-            a, b = self.base_T_tip[end - 1], self.base_T_tip[end]
-            turn = vector_from_rotation(a[:3, :3].T @ b[:3, :3])
-            poses[k, :3, :3] = a[:3, :3] @ rotation_from_vector(share * turn)
-            poses[k, :3, 3] = (1.0 - share) * a[:3, 3] + share * b[:3, 3]
+        poses[:, :3, 3] = a[:, :3, 3] + share[:, None] * (b[:, :3, 3] - a[:, :3, 3])
+        poses[:, :3, :3] = a[:, :3, :3] @ rotations_from_vectors(share[:, None] * self._turns[after - 1])
         return poses
+
+    @cached_property
+    def _turns(self) -> Array:
+        """(n - 1, 3) rad: the rotation vector of each waypoint to the next, in the first one's axes."""
+        steps = np.swapaxes(self.base_T_tip[:-1, :3, :3], 1, 2) @ self.base_T_tip[1:, :3, :3]
+        turns = np.zeros((len(steps), 3))
+        for k in np.flatnonzero(np.abs(steps - np.eye(3)).max(axis=(1, 2)) > 1e-12):
+            turns[k] = vector_from_rotation(steps[k])
+        return turns
 
     def sampled(self, rate: float) -> Trajectory:
         """The same path with a waypoint every 1 / `rate` seconds from its start."""
