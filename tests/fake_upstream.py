@@ -113,6 +113,7 @@ class FakeUpstream:
     @contextlib.contextmanager
     def held(self, method: str) -> Iterator[None]:
         """Calls of `method` wait until the block ends."""
+        self._arrived[method] = threading.Semaphore(0)
         self._gates[method] = gate = threading.Event()
         try:
             yield
@@ -121,7 +122,7 @@ class FakeUpstream:
             del self._gates[method]
 
     def wait_for_call(self, method: str, seconds: float = 30.0) -> None:
-        """Returns once a call of `method` has arrived that was not waited for before."""
+        """Returns once a call of `method` has arrived since the block of `held` began."""
         if not self._arrived[method].acquire(timeout=seconds):
             raise TimeoutError(f"No {method} within {seconds:g} s.")
 

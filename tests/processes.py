@@ -130,6 +130,7 @@ class Orchestrator(Service):
     """
 
     def __init__(self, state: Path, upstream: str, *, gateway: bool = True, **variables: str) -> None:
+        self.state = state
         self.rest_port = free_port()
         own = {"DETECTOR": upstream, "REGISTRAR": upstream, "STATE": str(state), "REST_PORT": str(self.rest_port)}
         if gateway:

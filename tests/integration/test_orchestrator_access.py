@@ -86,9 +86,12 @@ def test_a_setting_that_is_missing_or_wrong_is_named(changes: dict[str, str | No
         OrchestratorSettings.from_environment(environment)
 
 
-def test_a_port_in_use_is_said_in_two_lines(tmp_path: Path, upstream: FakeUpstream) -> None:
-    with Orchestrator(tmp_path / "a", upstream.address) as first:
-        second = Orchestrator(tmp_path / "b", upstream.address, PRETOUCH_ORCHESTRATOR_REST_PORT=str(first.rest_port))
-        with pytest.raises(RuntimeError, match="REST cannot be served") as error:
+def test_what_another_orchestrator_holds_is_said_in_two_lines(tmp_path: Path, orchestrator: Orchestrator) -> None:
+    taken_port = {"PRETOUCH_ORCHESTRATOR_REST_PORT": str(orchestrator.rest_port)}
+    for second, words in (
+        (Orchestrator(orchestrator.state, "127.0.0.1:1"), "Another orchestrator uses the state directory"),
+        (Orchestrator(tmp_path, "127.0.0.1:1", **taken_port), "REST cannot be served"),
+    ):
+        with pytest.raises(RuntimeError, match=words) as error:
             second.start()
         assert "Traceback" not in str(error.value)

@@ -10,25 +10,12 @@ from typing import Any
 import grpc
 import httpx
 import pytest
-from fake_upstream import FakeUpstream
 from processes import Orchestrator
 from rest_sessions import assert_problem, opened, scanned
 
 from pretouch.channel import open_sync_channel
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1.orchestrator_pb2_grpc import OrchestratorServiceStub
-
-
-@pytest.fixture(scope="module")
-def orchestrator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Orchestrator]:
-    with FakeUpstream() as fakes, Orchestrator(tmp_path_factory.mktemp("state"), fakes.address) as process:
-        yield process
-
-
-@pytest.fixture(scope="module")
-def rest(orchestrator: Orchestrator) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=orchestrator.rest_url, timeout=60) as client:
-        yield client
 
 
 def parsed(lines: Iterator[str]) -> Iterator[tuple[int, str, Any]]:

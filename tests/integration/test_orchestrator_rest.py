@@ -22,24 +22,6 @@ from pretouch.tof import RangeSamples
 LIMIT = 16 * 1024 * 1024
 
 
-@pytest.fixture(scope="module")
-def fakes() -> Iterator[FakeUpstream]:
-    with FakeUpstream() as upstream:
-        yield upstream
-
-
-@pytest.fixture(scope="module")
-def orchestrator(tmp_path_factory: pytest.TempPathFactory, fakes: FakeUpstream) -> Iterator[Orchestrator]:
-    with Orchestrator(tmp_path_factory.mktemp("state"), fakes.address) as process:
-        yield process
-
-
-@pytest.fixture(scope="module")
-def rest(orchestrator: Orchestrator) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=orchestrator.rest_url, timeout=60) as client:
-        yield client
-
-
 def test_a_session_runs_until_it_converges(rest: httpx.Client) -> None:
     response = rest.post("/v1/sessions", files=box_view.multipart(budget={"fraction": 1.0}))
     session = response.json()

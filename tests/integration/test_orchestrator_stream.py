@@ -11,7 +11,6 @@ import grpc
 import httpx
 import numpy as np
 import pytest
-from fake_upstream import FakeUpstream
 from processes import Orchestrator
 from rest_sessions import opened
 
@@ -23,12 +22,6 @@ from pretouch.v1.orchestrator_pb2_grpc import OrchestratorServiceStub
 from pretouch.wire import json, session
 
 TIMEOUT = 60
-
-
-@pytest.fixture(scope="module")
-def orchestrator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Orchestrator]:
-    with FakeUpstream() as fakes, Orchestrator(tmp_path_factory.mktemp("state"), fakes.address) as process:
-        yield process
 
 
 @pytest.fixture(scope="module")
@@ -82,15 +75,14 @@ def test_a_session_runs_to_its_end_on_one_stream(stub: Any) -> None:
     assert run.end() == []
 
 
-def test_a_stream_takes_up_a_session_that_rest_opened(stub: Any, orchestrator: Orchestrator) -> None:
-    with httpx.Client(base_url=orchestrator.rest_url, timeout=TIMEOUT) as rest:
-        opened_by_rest = opened(rest)
-        run = Run(stub)
-        answer = run.ask(session_id=opened_by_rest["id"])
-        assert answer.next_scan.scan_id == opened_by_rest["next_scan"]["scan_id"]
-        answer = run.ask(scan=scan(answer))
-        assert run.end() == []
-        now = rest.get(f"/v1/sessions/{answer.id}").json()
+def test_a_stream_takes_up_a_session_that_rest_opened(stub: Any, rest: httpx.Client) -> None:
+    opened_by_rest = opened(rest)
+    run = Run(stub)
+    answer = run.ask(session_id=opened_by_rest["id"])
+    assert answer.next_scan.scan_id == opened_by_rest["next_scan"]["scan_id"]
+    answer = run.ask(scan=scan(answer))
+    assert run.end() == []
+    now = rest.get(f"/v1/sessions/{answer.id}").json()
     assert json.session_to_json(session.session_from_proto(answer)) == now
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -14,21 +13,6 @@ from processes import Orchestrator
 from rest_sessions import assert_problem, opened, scan_path, scanned
 
 from pretouch.errors import DeadlineExceeded, Internal, InvalidInput, Overloaded, Unauthenticated, Unavailable
-
-
-@pytest.fixture(scope="module")
-def fakes() -> Iterator[FakeUpstream]:
-    with FakeUpstream() as upstream:
-        yield upstream
-
-
-@pytest.fixture(scope="module")
-def rest(tmp_path_factory: pytest.TempPathFactory, fakes: FakeUpstream) -> Iterator[httpx.Client]:
-    with (
-        Orchestrator(tmp_path_factory.mktemp("state"), fakes.address) as orchestrator,
-        httpx.Client(base_url=orchestrator.rest_url, timeout=60) as client,
-    ):
-        yield client
 
 
 def test_an_upstream_that_stays_away_is_unavailable_and_the_scan_can_be_repeated(
@@ -133,7 +117,12 @@ def test_without_a_gateway_its_spans_are_refused_and_all_else_works(tmp_path: Pa
 def test_a_client_that_gave_up_finds_its_scan_counted(rest: httpx.Client, fakes: FakeUpstream) -> None:
     session = opened(rest)
     registered = fakes.count("Register")
-    with fakes.held("Register"), pytest.raises(httpx.ReadTimeout):
-        rest.post(scan_path(session), json=box_view.samples(session["next_scan"]), timeout=0.5)
+    hasty = httpx.Timeout(60, read=0.2)
+    with ThreadPoolExecutor(1) as pool, fakes.held("Register"):
+        body = box_view.samples(session["next_scan"])
+        answer = pool.submit(rest.post, scan_path(session), json=body, timeout=hasty)
+        fakes.wait_for_call("Register")
+        with pytest.raises(httpx.ReadTimeout):
+            answer.result(60)
     assert len(scanned(rest, session)["scans"]) == 1
     assert fakes.count("Register") == registered + 1

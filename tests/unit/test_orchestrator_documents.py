@@ -3,68 +3,79 @@
 from __future__ import annotations
 
 import json as text
+import re
 from dataclasses import asdict
 
 import box_view
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pretouch_orchestrator import rest_models as documents
 from pretouch_orchestrator.bodies import json_from_bytes
-from pretouch_orchestrator.rest_models import (
-    BudgetModel,
-    CameraModel,
-    PriorModel,
-    ScanSettingsModel,
-    SensorModel,
-    SessionModel,
-    SessionRequestModel,
-    SubmissionModel,
-    ToleranceModel,
-)
+from pretouch_orchestrator.rest import rest_app
 from pydantic import TypeAdapter
 from records import a_record, after_a_scan
 
 from pretouch.errors import Malformed
 from pretouch.estimate import Prior
+from pretouch.serving import Kit, Settings
 from pretouch.session import Budget, GatewaySpan, ScanSettings, Skipped, Tolerance
 from pretouch.tof import Sensor
 from pretouch.wire import json
 
 
 def test_described_defaults_are_the_types_own() -> None:
-    pairs = [(BudgetModel, Budget), (PriorModel, Prior), (ToleranceModel, Tolerance), (ScanSettingsModel, ScanSettings)]
+    pairs = (
+        (documents.Budget, Budget),
+        (documents.Prior, Prior),
+        (documents.Tolerance, Tolerance),
+        (documents.ScanSettings, ScanSettings),
+    )
     for model, kind in pairs:
         assert model().model_dump() == asdict(kind())
-    sensor = SensorModel().model_dump(exclude={"tip_T_module"})
+    sensor = documents.Sensor().model_dump(exclude={"tip_T_module"})
     assert sensor == {name: getattr(Sensor(), name) for name in sensor}
     request = json.request_from_json({name: box_view.request()[name] for name in ("camera", "base_T_camera")})
-    assert SessionRequestModel.model_fields["planner"].default == request.planner
+    assert documents.SessionRequest.model_fields["planner"].default == request.planner
     camera = {name: box_view.request()["camera"][name] for name in ("fx", "fy", "cx", "cy")}
     bare = json.request_from_json(box_view.request() | {"camera": camera})
-    assert CameraModel(**camera).depth_scale == bare.depth_scale
+    assert documents.Camera(**camera).depth_scale == bare.depth_scale
 
 
 def test_requests_as_written_are_as_described() -> None:
     document = json.request_to_json(a_record().request)
-    assert SessionRequestModel.model_validate(document).model_dump(mode="json", exclude_unset=True) == document
+    assert documents.SessionRequest.model_validate(document).model_dump(mode="json", exclude_unset=True) == document
 
 
 @pytest.mark.parametrize("record", [a_record(), after_a_scan(a_record())])
 def test_sessions_as_answered_are_as_described(record: object) -> None:
     document = json.session_to_json(record.view())  # type: ignore[attr-defined]
-    assert SessionModel.model_validate(document).model_dump(mode="json", exclude_unset=True) == document
+    assert documents.Session.model_validate(document).model_dump(mode="json", exclude_unset=True) == document
 
 
 def test_scans_as_sent_are_as_described() -> None:
     plan = json.scan_plan_to_json(a_record().next_scan)  # type: ignore[arg-type]
     samples = json.submission_from_json(box_view.samples(plan))
-    adapter: TypeAdapter[object] = TypeAdapter(SubmissionModel)
+    adapter: TypeAdapter[object] = TypeAdapter(documents.Submission)
     for submission in (samples, GatewaySpan("finger", 1.0, 2.5), Skipped(), Skipped(samples)):  # type: ignore[arg-type]
         document = json.submission_to_json(submission)  # type: ignore[arg-type]
         described = adapter.dump_python(
             adapter.validate_python(document), mode="json", exclude_unset=True, by_alias=True
         )
         assert described == document
+
+
+def test_the_description_refers_only_to_what_it_holds() -> None:
+    kit = Kit("orchestrator", Settings(token="t"))
+    document = rest_app(None, kit, None).openapi()  # type: ignore[arg-type]
+    kit.close()
+    referred = set(re.findall(r'"#/components/schemas/(\w+)"', text.dumps(document)))
+    assert referred <= set(document["components"]["schemas"])
+    assert {"Session", "SessionRequest", "Submission", "Problem"} <= referred
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            assert all(response["description"] for response in operation["responses"].values()), (method, path)
+            assert ("401" in operation["responses"]) == path.startswith("/v1"), (method, path)
 
 
 @given(st.binary(max_size=200) | st.text(max_size=100).map(str.encode))

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from fastapi import FastAPI, Header, Query, Request
-from fastapi.responses import HTMLResponse, JSONResponse, Response, StreamingResponse
+from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from numpy.typing import NDArray
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
@@ -18,14 +18,14 @@ from pretouch.errors import Conflict, InvalidInput, Malformed
 from pretouch.serving import Kit
 from pretouch.session import SessionRequest, Submission
 from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
+from pretouch_orchestrator import rest_models as documents
 from pretouch_orchestrator import rest_openapi as openapi
 from pretouch_orchestrator.admission import Admission
 from pretouch_orchestrator.bodies import json_from_bytes, read_json, read_parts
 from pretouch_orchestrator.body_limit import BodyLimit
 from pretouch_orchestrator.docs_page import docs_page
 from pretouch_orchestrator.problems import answer_errors_as_problems
-from pretouch_orchestrator.rest_models import HealthModel, ScanPlanModel, SessionListModel, SessionModel
-from pretouch_orchestrator.sessions import DEFAULT_PAGE, LARGEST_PAGE, Sessions
+from pretouch_orchestrator.sessions import DEFAULT_PAGE, LARGEST_PAGE, LONGEST_KEY, Sessions
 
 HEARTBEAT = 15.0
 """s of silence on a stream of events before a comment."""
@@ -54,25 +54,27 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
         status_code=201,
         summary="Open a session",
         responses=openapi.responses(
-            201, openapi.answer(SessionModel, "The new session."), 400, 401, 409, 413, 415, 422, 429, 503, 504
+            201, openapi.answer(documents.Session, "The new session."), 400, 401, 409, 413, 415, 422, 429, 503, 504
         ),
         openapi_extra=openapi.creation_body(),
     )
     async def create_session(
-        request: Request, idempotency_key: Annotated[str | None, Header(max_length=255)] = None
+        request: Request, idempotency_key: Annotated[str, Header(alias="Idempotency-Key", max_length=LONGEST_KEY)] = ""
     ) -> Response:
         """A depth image goes in; regions, the first estimate and the first scan's path come back.
 
         The same `Idempotency-Key` with the same request answers the session that the first call made.
         """
         wanted, values, mask = await kit.cpu(_creation, await read_parts(request))
-        session = await sessions.create(wanted, values, mask, idempotency_key)
+        session = await sessions.create(wanted, values, mask, idempotency_key or None)
         return JSONResponse(session_to_json(session), 201, {"Location": f"/v1/sessions/{session.id}"})
 
     @app.get(
         "/v1/sessions",
         summary="List sessions",
-        responses=openapi.responses(200, openapi.answer(SessionListModel, "A page, the newest first."), 401, 422),
+        responses=openapi.responses(
+            200, openapi.answer(documents.SessionList, "The newest first."), 401, 422, 429, 503
+        ),
     )
     async def list_sessions(
         limit: Annotated[int, Query(ge=1, le=LARGEST_PAGE)] = DEFAULT_PAGE,
@@ -86,7 +88,7 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
     @app.get(
         "/v1/sessions/{session_id}",
         summary="Look at a session",
-        responses=openapi.responses(200, openapi.answer(SessionModel, "The session."), 401, 404),
+        responses=openapi.responses(200, openapi.answer(documents.Session, "The session."), 401, 404, 503),
     )
     async def get_session(session_id: str) -> Response:
         """Where the session stands."""
@@ -96,7 +98,7 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
         "/v1/sessions/{session_id}",
         status_code=204,
         summary="Cancel a session",
-        responses=openapi.responses(204, {"description": "It has ended."}, 401, 404),
+        responses=openapi.responses(204, {"description": "It has ended."}, 401, 404, 503),
     )
     async def cancel_session(session_id: str) -> Response:
         """Ends the session; one that has ended keeps its state."""
@@ -106,7 +108,7 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
     @app.get(
         "/v1/sessions/{session_id}/next-scan",
         summary="Get the next scan's path",
-        responses=openapi.responses(200, openapi.answer(ScanPlanModel, "The path."), 401, 404, 409),
+        responses=openapi.responses(200, openapi.answer(documents.ScanPlan, "The path."), 401, 404, 409, 503),
     )
     async def next_scan(session_id: str) -> Response:
         """The path that the fingertip should follow next."""
@@ -122,7 +124,7 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
         summary="Submit a scan",
         responses=openapi.responses(
             200,
-            openapi.answer(SessionModel, "The session after the scan."),
+            openapi.answer(documents.Session, "The session after the scan."),
             400,
             401,
             404,
@@ -165,12 +167,13 @@ def _submission(body: bytes) -> Submission:
 def _add_event_route(app: FastAPI, sessions: Sessions) -> None:
     @app.get(
         "/v1/sessions/{session_id}/events",
+        response_class=StreamingResponse,
         summary="Follow a session",
-        responses=openapi.responses(200, openapi.text("text/event-stream", "Server-sent events."), 400, 401, 404),
+        responses=openapi.responses(200, openapi.text("text/event-stream", "Server-sent events."), 400, 401, 404, 503),
     )
     async def follow_session(
         session_id: str,
-        last_event_id: Annotated[str, Header(description="Only events after this one.")] = "",
+        last_event_id: Annotated[str, Header(alias="Last-Event-ID", description="Only events after this one.")] = "",
     ) -> Response:
         """Events `session`, `scan`, `estimate` and `end` from the session's start, until its end."""
         if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
@@ -194,7 +197,9 @@ async def _stream(sessions: Sessions, session_id: str, after: int) -> AsyncItera
 
 def _add_service_routes(app: FastAPI, kit: Kit, check: Callable[[], Awaitable[None]]) -> None:
     @app.get(
-        "/healthz", summary="Is it alive?", responses=openapi.responses(200, openapi.answer(HealthModel, "It answers."))
+        "/healthz",
+        summary="Is it alive?",
+        responses=openapi.responses(200, openapi.answer(documents.Health, "It answers.")),
     )
     async def alive() -> dict[str, Any]:
         """The service answers."""
@@ -203,7 +208,7 @@ def _add_service_routes(app: FastAPI, kit: Kit, check: Callable[[], Awaitable[No
     @app.get(
         "/readyz",
         summary="Is it ready?",
-        responses=openapi.responses(200, openapi.answer(HealthModel, "It can serve sessions."), 503),
+        responses=openapi.responses(200, openapi.answer(documents.Health, "It can serve sessions."), 503),
     )
     async def ready() -> dict[str, Any]:
         """The store can be written, and the services behind it are well."""
@@ -211,7 +216,10 @@ def _add_service_routes(app: FastAPI, kit: Kit, check: Callable[[], Awaitable[No
         return {"status": "ready"}
 
     @app.get(
-        "/metrics", summary="Metrics", responses=openapi.responses(200, openapi.text("text/plain", "Prometheus text."))
+        "/metrics",
+        response_class=PlainTextResponse,
+        summary="Metrics",
+        responses=openapi.responses(200, openapi.text("text/plain", "Prometheus text.")),
     )
     async def metrics() -> Response:
         """For Prometheus."""
@@ -219,6 +227,7 @@ def _add_service_routes(app: FastAPI, kit: Kit, check: Callable[[], Awaitable[No
 
     @app.get(
         "/docs",
+        response_class=HTMLResponse,
         summary="This API's description",
         responses=openapi.responses(200, openapi.text("text/html", "A page.")),
     )

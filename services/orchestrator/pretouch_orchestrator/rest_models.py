@@ -7,14 +7,14 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
 
-from pretouch.session import Budget, Planner, Proposer, ScanSettings, SessionRequest, State, Tolerance
+from pretouch import session as domain
 from pretouch.tof import MAX_SAMPLES
 
 Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
 Vector6 = Annotated[list[float], Field(min_length=6, max_length=6)]
 Pixel = Annotated[int, Field(ge=0, lt=2**31)]
 Positive = Annotated[float, Field(gt=0)]
-_TOLERANCE, _BUDGET, _SCAN = Tolerance(), Budget(), ScanSettings()
+_TOLERANCE, _BUDGET, _SCAN = domain.Tolerance(), domain.Budget(), domain.ScanSettings()
 
 
 def _absent(description: str) -> Any:
@@ -32,7 +32,7 @@ class _Sent(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
-class PoseModel(_Sent):
+class Pose(_Sent):
     """A rigid transform `a_T_b`: maps a point in b to a."""
 
     translation: Vector3 = Field(description="Metres.", examples=[[0.45, 0.0, 0.3]])
@@ -41,7 +41,7 @@ class PoseModel(_Sent):
     )
 
 
-class CameraModel(_Sent):
+class Camera(_Sent):
     """Pinhole intrinsics of the depth image; pixel centres at integers, no distortion."""
 
     fx: Positive = Field(description="Pixels.", examples=[525.0])
@@ -49,32 +49,32 @@ class CameraModel(_Sent):
     cx: float = Field(description="Pixels.", examples=[319.5])
     cy: float = Field(description="Pixels.", examples=[239.5])
     depth_scale: Annotated[float, Field(gt=0, le=1000)] = Field(
-        SessionRequest.depth_scale, description="Metres that one stored depth unit stands for."
+        domain.SessionRequest.depth_scale, description="Metres that one stored depth unit stands for."
     )
 
 
-class TableModel(_Sent):
+class Table(_Sent):
     """The table in base: all p with normal . p = offset."""
 
     normal: Vector3 = Field(description="Unit, away from the table.", examples=[[0.0, 0.0, 1.0]])
     offset: float = Field(description="Metres.", examples=[0.0])
 
 
-class PriorModel(_Sent):
+class Prior(_Sent):
     """How wrong the camera's calibration may be, about the object's centroid."""
 
     translation_std: Annotated[float, Field(gt=0, le=1)] = Field(0.0115, description="Metres, per base axis.")
     rotation_std: Annotated[float, Field(gt=0, le=1)] = Field(0.05, description="Radians, per base axis.")
 
 
-class ToleranceModel(_Sent):
+class Tolerance(_Sent):
     """The session has converged when the `confidence` quantile of the mean point error is at most `error`."""
 
     error: Annotated[float, Field(gt=0, le=1)] = Field(_TOLERANCE.error, description="Metres.")
     confidence: Annotated[float, Field(gt=0, le=0.9999)] = Field(_TOLERANCE.confidence)
 
 
-class BudgetModel(_Sent):
+class Budget(_Sent):
     """What the session may spend; a scan that would exceed it is not planned."""
 
     scans: Annotated[int, Field(ge=1, le=1000)] = Field(_BUDGET.scans)
@@ -84,7 +84,7 @@ class BudgetModel(_Sent):
     )
 
 
-class SensorModel(_Sent):
+class Sensor(_Sent):
     """The fingertip's range sensor."""
 
     range_min: Annotated[float, Field(ge=0, lt=10)] = Field(0.01, description="Metres along the beam.")
@@ -92,38 +92,38 @@ class SensorModel(_Sent):
     range_std: Annotated[float, Field(gt=0, le=0.1)] = Field(0.0015, description="Metres.")
     beam_half_angle: Annotated[float, Field(ge=0, lt=0.785)] = Field(0.0, description="Radians; 0 is a thin beam.")
     rate: Annotated[float, Field(gt=0, le=10_000)] = Field(30.0, description="Samples per second of each module.")
-    tip_T_module: Annotated[list[PoseModel], Field(min_length=1, max_length=256)] | SkipJsonSchema[None] = _absent(
+    tip_T_module: Annotated[list[Pose], Field(min_length=1, max_length=256)] | SkipJsonSchema[None] = _absent(
         "Pose of each module in the tip frame, z along its beam; left out: one module at the tip."
     )
 
 
-class ScanSettingsModel(_Sent):
+class ScanSettings(_Sent):
     """How the finger moves."""
 
     standoff: Annotated[float, Field(gt=0, le=1)] = Field(_SCAN.standoff, description="Metres above the surface.")
     speed: Annotated[float, Field(gt=0, le=10)] = Field(_SCAN.speed, description="Metres per second at most.")
 
 
-class SessionRequestModel(_Sent):
+class SessionRequest(_Sent):
     """What a session is asked to do."""
 
-    camera: CameraModel
-    base_T_camera: PoseModel = Field(description="Extrinsics as believed; camera frame x right, y down, z forward.")
+    camera: Camera
+    base_T_camera: Pose = Field(description="Extrinsics as believed; camera frame x right, y down, z forward.")
     roi: Annotated[list[Pixel], Field(min_length=4, max_length=4)] | SkipJsonSchema[None] = _absent(
         "[u0, v0, u1, v1], half-open; with a mask, their intersection."
     )
-    table: TableModel | SkipJsonSchema[None] = _absent("Left out: estimated.")
-    base_T_object: PoseModel | SkipJsonSchema[None] = _absent("An object pose to correct along.")
-    prior: PriorModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    tolerance: ToleranceModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    budget: BudgetModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    sensor: SensorModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    scan: ScanSettingsModel | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    proposer: Proposer | SkipJsonSchema[None] = _absent("Left out: the best one that is ready.")
-    planner: Planner = Field(Planner.INFORMATION)
+    table: Table | SkipJsonSchema[None] = _absent("Left out: estimated.")
+    base_T_object: Pose | SkipJsonSchema[None] = _absent("An object pose to correct along.")
+    prior: Prior | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    tolerance: Tolerance | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    budget: Budget | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    sensor: Sensor | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    scan: ScanSettings | SkipJsonSchema[None] = _absent("Left out: its defaults.")
+    proposer: domain.Proposer | SkipJsonSchema[None] = _absent("Left out: the best one that is ready.")
+    planner: domain.Planner = Field(domain.Planner.INFORMATION)
 
 
-class RegionModel(BaseModel):
+class Region(BaseModel):
     """A region worth scanning."""
 
     id: str
@@ -134,7 +134,7 @@ class RegionModel(BaseModel):
     expected_error: float = Field(description="Metres: the estimate's expected error if this were scanned next.")
 
 
-class WeakDirectionModel(BaseModel):
+class WeakDirection(BaseModel):
     """A direction in which the pose is still free."""
 
     direction: Vector6 = Field(description="Unit: rotation vector scaled by the object's radius, translation.")
@@ -142,41 +142,41 @@ class WeakDirectionModel(BaseModel):
     text: str
 
 
-class EstimateModel(BaseModel):
+class Estimate(BaseModel):
     """The corrected pose and how sure it is."""
 
-    base_T_correction: PoseModel = Field(description="Maps a point where the camera put it to where it truly is.")
+    base_T_correction: Pose = Field(description="Maps a point where the camera put it to where it truly is.")
     centroid: Vector3 = Field(description="Metres in base: mean of the object's cloud before correction.")
     covariance: Annotated[list[Vector6], Field(min_length=6, max_length=6)] = Field(
         description="Row-major, order (rotation vector, translation), base axes, about the centroid; rad^2, rad m, m^2."
     )
     expected_error: float = Field(description="Metres: expected mean distance of estimated from true object points.")
     error_quantile: float = Field(description="Metres: the 95 % quantile of the same.")
-    unobservable: list[WeakDirectionModel]
+    unobservable: list[WeakDirection]
     inliers: int
     samples: int
     rmse: float = Field(description="Metres.")
-    base_T_object: PoseModel | SkipJsonSchema[None] = _absent("The corrected object pose, if one was given.")
+    base_T_object: Pose | SkipJsonSchema[None] = _absent("The corrected object pose, if one was given.")
 
 
-class WaypointModel(BaseModel):
+class Waypoint(BaseModel):
     """Where the tip is at a time."""
 
     t: float = Field(description="Seconds from 0.")
-    base_T_tip: PoseModel
+    base_T_tip: Pose
 
 
-class ScanPlanModel(BaseModel):
+class ScanPlan(BaseModel):
     """A path for the fingertip: straight lines and slerp between waypoints, its ends reached from above."""
 
     scan_id: str
     region_id: str
-    waypoints: list[WaypointModel]
+    waypoints: list[Waypoint]
     length: float = Field(description="Metres.")
     duration: float = Field(description="Seconds.")
 
 
-class ScanSummaryModel(BaseModel):
+class ScanSummary(BaseModel):
     """A scan that was used."""
 
     scan_id: str
@@ -188,7 +188,7 @@ class ScanSummaryModel(BaseModel):
     expected_error: float = Field(description="Metres, after it.")
 
 
-class BudgetUsedModel(BaseModel):
+class BudgetUsed(BaseModel):
     """What was spent."""
 
     scans: int
@@ -196,7 +196,7 @@ class BudgetUsedModel(BaseModel):
     fraction: float
 
 
-class ProblemModel(BaseModel):
+class Problem(BaseModel):
     """An RFC 9457 problem document."""
 
     type: str
@@ -206,51 +206,51 @@ class ProblemModel(BaseModel):
     remedy: str = Field(description="What to do about it.")
 
 
-class SessionModel(BaseModel):
+class Session(BaseModel):
     """Where a session stands."""
 
     id: str
-    state: State
-    reason: ProblemModel | SkipJsonSchema[None] = _absent("Only of a failed session.")
-    proposer: Proposer
-    planner: Planner
-    regions: list[RegionModel]
-    estimate: EstimateModel
-    next_scan: ScanPlanModel | None
-    scans: list[ScanSummaryModel]
-    budget_used: BudgetUsedModel
+    state: domain.State
+    reason: Problem | SkipJsonSchema[None] = _absent("Only of a failed session.")
+    proposer: domain.Proposer
+    planner: domain.Planner
+    regions: list[Region]
+    estimate: Estimate
+    next_scan: ScanPlan | None
+    scans: list[ScanSummary]
+    budget_used: BudgetUsed
 
 
-class SessionListModel(BaseModel):
+class SessionList(BaseModel):
     """A page of sessions, the newest first."""
 
-    sessions: list[SessionModel]
+    sessions: list[Session]
     next: str | None = Field(description="Cursor of the next page; null: this is the last.")
 
 
-class SampleModel(_Sent):
+class Sample(_Sent):
     """One range sample."""
 
     t: float = Field(description="Seconds, non-decreasing.")
-    base_T_tip: PoseModel
+    base_T_tip: Pose
     range: Annotated[float, Field(ge=0)] | None = Field(description="Metres along the beam; null: no return.")
     status: Annotated[int, Field(ge=0, le=255)] = Field(0, description="The sensor's own code; 0 is good.")
     module: Annotated[int, Field(ge=0, le=255)] = Field(0, description="Index in sensor.tip_T_module.")
 
 
-class SamplesModel(_Sent):
+class Samples(_Sent):
     """A scan as measured."""
 
-    samples: Annotated[list[SampleModel], Field(min_length=1, max_length=MAX_SAMPLES)]
+    samples: Annotated[list[Sample], Field(min_length=1, max_length=MAX_SAMPLES)]
 
 
-class PointsModel(_Sent):
+class Points(_Sent):
     """A scan as points in base, metres, from a robot that computes them itself."""
 
     points: Annotated[list[Vector3], Field(min_length=1, max_length=MAX_SAMPLES)]
 
 
-class SpanModel(_Sent):
+class Span(_Sent):
     """A span of the gateway's samples, seconds since the Unix epoch on its host's clock."""
 
     device: str = Field(description="Empty: the only one.")
@@ -258,25 +258,23 @@ class SpanModel(_Sent):
     to: float
 
 
-class GatewaySpanModel(_Sent):
+class GatewaySpan(_Sent):
     """A scan that the sensor gateway holds."""
 
-    gateway: SpanModel
+    gateway: Span
 
 
-class SkippedModel(_Sent):
+class Skipped(_Sent):
     """A scan that could not be made; samples taken so far may come along."""
 
     skipped: Literal["unreachable"]
-    samples: Annotated[list[SampleModel], Field(max_length=MAX_SAMPLES)] | SkipJsonSchema[None] = _absent(
-        "May be empty."
-    )
+    samples: Annotated[list[Sample], Field(max_length=MAX_SAMPLES)] | SkipJsonSchema[None] = _absent("May be empty.")
 
 
-SubmissionModel = SamplesModel | PointsModel | GatewaySpanModel | SkippedModel
+Submission = Samples | Points | GatewaySpan | Skipped
 
 
-class HealthModel(BaseModel):
+class Health(BaseModel):
     """The service answers."""
 
     status: Literal["ok", "ready"]

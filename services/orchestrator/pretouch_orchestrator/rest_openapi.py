@@ -11,22 +11,14 @@ from pydantic.json_schema import models_json_schema
 
 from pretouch import __version__
 from pretouch.errors import WIRE
+from pretouch_orchestrator import rest_models as documents
 from pretouch_orchestrator.admission import OPEN_PATHS
 from pretouch_orchestrator.bodies import PARTS
 from pretouch_orchestrator.problems import PROBLEM_TYPE
-from pretouch_orchestrator.rest_models import (
-    HealthModel,
-    ProblemModel,
-    ScanPlanModel,
-    SessionListModel,
-    SessionModel,
-    SessionRequestModel,
-    SubmissionModel,
-)
 
 _REFERENCE = "#/components/schemas/{model}"
-_SENT = (SessionRequestModel,)
-_ANSWERED = (SessionModel, SessionListModel, ScanPlanModel, ProblemModel, HealthModel)
+_SENT = (documents.SessionRequest,)
+_ANSWERED = (documents.Session, documents.SessionList, documents.ScanPlan, documents.Problem, documents.Health)
 _TITLES = {wire.http_status: wire.title for wire in WIRE.values()}
 
 
@@ -42,7 +34,7 @@ def text(media_type: str, description: str) -> dict[str, Any]:
 
 def responses(status: int, success: dict[str, Any], *problems: int) -> dict[int | str, dict[str, Any]]:
     """A route's response, and the statuses with which it answers problem documents."""
-    content = {PROBLEM_TYPE: {"schema": _reference(ProblemModel)}}
+    content = {PROBLEM_TYPE: {"schema": _reference(documents.Problem)}}
     described: dict[int | str, dict[str, Any]] = {status: success}
     return described | {code: {"description": _TITLES[code], "content": content} for code in problems}
 
@@ -50,7 +42,7 @@ def responses(status: int, success: dict[str, Any], *problems: int) -> dict[int 
 def creation_body() -> dict[str, Any]:
     """The multipart body of a session's creation."""
     properties = {
-        "request": _reference(SessionRequestModel),
+        "request": _reference(documents.SessionRequest),
         "depth": {
             "type": "string",
             "format": "binary",
@@ -87,10 +79,15 @@ def describe(app: FastAPI, *, token: bool) -> None:
 
 def _document(app: FastAPI, token: bool) -> dict[str, Any]:
     document = get_openapi(title=app.title, version=__version__, description=app.description, routes=app.routes)
+    for methods in document["paths"].values():
+        for operation in methods.values():
+            # The framework claims this for every route with parameters; those that can answer it say so themselves.
+            if "application/json" in operation["responses"].get("422", {}).get("content", {}):
+                del operation["responses"]["422"]
     inputs = [(model, "validation") for model in _SENT]
     outputs = [(model, "serialization") for model in _ANSWERED]
     _, definitions = models_json_schema([*inputs, *outputs], ref_template=_REFERENCE)  # type: ignore[list-item]
-    submission = TypeAdapter(SubmissionModel).json_schema(ref_template=_REFERENCE)
+    submission = TypeAdapter(documents.Submission).json_schema(ref_template=_REFERENCE)
     schemas = definitions["$defs"] | submission.pop("$defs") | {"Submission": submission}
     components: dict[str, Any] = {"schemas": dict(sorted(schemas.items()))}
     if token:
