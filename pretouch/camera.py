@@ -16,6 +16,9 @@ from pretouch.errors import InvalidInput, Malformed, TooLarge
 from pretouch.geometry import Array, frozen_array
 
 MAX_PIXELS = 4_000_000
+MAX_DEPTH = 10_000.0
+"""m; more is a wrong scale."""
+_SHORTEST_FOCAL_LENGTH, _LARGEST_INTRINSIC = 0.01, 1e6  # pixels
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class Camera:
 
     Raises:
         Malformed: a value is not finite.
-        InvalidInput: a focal length is not positive.
+        InvalidInput: a focal length is not positive, or a value beyond any camera.
     """
 
     fx: float
@@ -34,10 +37,12 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy", "cx", "cy"):
-            object.__setattr__(self, name, float(frozen_array(getattr(self, name), (), f"camera.{name}")))
-        if self.fx <= 0 or self.fy <= 0:
+            object.__setattr__(
+                self, name, float(frozen_array(getattr(self, name), (), f"camera.{name}", _LARGEST_INTRINSIC))
+            )
+        if min(self.fx, self.fy) < _SHORTEST_FOCAL_LENGTH:
             raise InvalidInput(
-                f"The focal lengths are {self.fx:g} and {self.fy:g} pixels.", "Send fx and fy greater than zero."
+                f"The focal lengths are {self.fx:g} and {self.fy:g} pixels.", "Send camera.fx and camera.fy in pixels."
             )
 
     def project(self, points: ArrayLike) -> Array:
@@ -85,6 +90,11 @@ class DepthImage:
             )
         metres = values.astype(np.float32)
         metres[~(np.isfinite(metres) & (metres > 0))] = 0.0
+        if metres.max() > MAX_DEPTH:
+            raise InvalidInput(
+                f"The depth image holds {metres.max():g} m; the limit is {MAX_DEPTH:g} m.",
+                "Check camera.depth_scale, and send 0 or NaN where there is no data.",
+            )
         metres.setflags(write=False)
         object.__setattr__(self, "metres", metres)
 

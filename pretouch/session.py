@@ -9,10 +9,14 @@ from typing import Any
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput, TooLarge
 from pretouch.estimate import Estimate, Prior
-from pretouch.geometry import Array, Plane, Pose, frozen_array
+from pretouch.geometry import MAX_DISTANCE, Array, Plane, Pose, frozen_array
 from pretouch.rectangle import RotatedRectangle
-from pretouch.tof import MAX_SAMPLES, RangeSamples, Sensor
+from pretouch.tof import MAX_SAMPLES, MAX_TIME, RangeSamples, Sensor
 from pretouch.trajectory import Trajectory
+
+
+MIN_SPEED = 1e-6
+"""m/s; a slower scan would not end."""
 
 
 class State(StrEnum):
@@ -88,6 +92,8 @@ class ScanSettings:
 
     def __post_init__(self) -> None:
         _positive(self, "scan", {"standoff": 1.0, "speed": 10.0})
+        if self.speed < MIN_SPEED:
+            raise InvalidInput(f"scan.speed is {self.speed:g} m/s.", f"Need at least {MIN_SPEED:g} m/s.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +126,13 @@ class SessionRequest:
                 raise InvalidInput(
                     f"roi is {list(self.roi)}.", "Need [u0, v0, u1, v1] with 0 <= u0 < u1 and 0 <= v0 < v1."
                 )
+        poses = {"base_T_camera": self.base_T_camera, "base_T_object": self.base_T_object}
+        poses |= {f"sensor.tip_T_module[{k}]": pose for k, pose in enumerate(self.sensor.tip_T_module)}
+        for name, pose in poses.items():
+            if pose is not None:
+                frozen_array(pose.translation, (3,), name, MAX_DISTANCE)
+        if self.table is not None:
+            frozen_array(self.table.offset, (), "table.offset", MAX_DISTANCE)
         if not self.sensor.range_min < self.scan.standoff < self.sensor.range_max:
             raise InvalidInput(
                 f"scan.standoff is {self.scan.standoff:g} m, outside the sensor's range of "
@@ -163,7 +176,7 @@ class Points:
     points: Array
 
     def __post_init__(self) -> None:
-        points = frozen_array(self.points, (None, 3), "points")
+        points = frozen_array(self.points, (None, 3), "points", MAX_DISTANCE)
         if len(points) > MAX_SAMPLES:
             raise TooLarge(f"The scan has {len(points)} points; the limit is {MAX_SAMPLES}.", "Thin out the scan.")
         object.__setattr__(self, "points", points)
@@ -179,7 +192,7 @@ class GatewaySpan:
 
     def __post_init__(self) -> None:
         for name, label in {"start": "from", "end": "to"}.items():
-            object.__setattr__(self, name, float(frozen_array(getattr(self, name), (), f"gateway.{label}")))
+            object.__setattr__(self, name, float(frozen_array(getattr(self, name), (), f"gateway.{label}", MAX_TIME)))
         if self.end <= self.start:
             raise InvalidInput(
                 f"gateway.to is {self.end:f}, not after gateway.from, {self.start:f}.",

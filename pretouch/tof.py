@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pretouch.errors import InvalidInput, Malformed, TooLarge
-from pretouch.geometry import Array, Pose, frozen_array, is_rigid
+from pretouch.geometry import MAX_DISTANCE, Array, Pose, frozen_array, is_rigid
 
 MAX_SAMPLES = 20_000
+MAX_TIME = 1e12
+"""s; 30,000 years either way."""
 STATUS_OK = 0
 
 
@@ -79,7 +81,7 @@ class RangeSamples:
     module: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        t = frozen_array(self.t, (None,), "samples.t")
+        t = frozen_array(self.t, (None,), "samples.t", MAX_TIME)
         n = len(t)
         if n > MAX_SAMPLES:
             raise TooLarge(f"The scan has {n} samples; the limit is {MAX_SAMPLES}.", "Split or thin out the scan.")
@@ -89,7 +91,7 @@ class RangeSamples:
                 f"samples[{k + 1}].t is {t[k + 1]:g}, before samples[{k}].t, {t[k]:g}.",
                 "Send the samples in the order of time.",
             )
-        poses = frozen_array(self.base_T_tip, (n, 4, 4), "samples.base_T_tip")
+        poses = frozen_array(self.base_T_tip, (n, 4, 4), "samples.base_T_tip", MAX_DISTANCE)
         crooked = np.flatnonzero(~is_rigid(poses))
         if len(crooked):
             raise InvalidInput(

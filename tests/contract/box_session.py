@@ -15,6 +15,8 @@ VIEW = View()
 DEPTH_SCALE = 0.0001
 _image, MASK = WORLD.depth(VIEW)
 DEPTH = np.round(_image.metres / DEPTH_SCALE).astype(np.uint16)
+TOKEN = "correct-horse"
+"""Of the guarded orchestrator."""
 ROOMY = {"scans": 20, "seconds": 100_000.0, "fraction": 1.0}
 """A budget that no test exhausts by accident."""
 

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from box_session import TOKEN
 from client_kinds import KINDS, opened
 from fake_upstream import FakeUpstream
 from processes import Orchestrator
-
-TOKEN = "correct-horse"
 
 
 @pytest.fixture(scope="session")

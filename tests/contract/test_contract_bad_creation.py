@@ -14,9 +14,8 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from box_session import DEPTH, MASK, request
+from box_session import DEPTH, MASK, TOKEN, request
 from box_view import png
-from conftest import TOKEN
 from google.protobuf.message import Message
 from problems import TIMEOUT, check, code_of, over_grpc, over_rest
 from processes import Orchestrator
@@ -177,6 +176,18 @@ BAD = {
     "no budget": Bad(
         InvalidInput, "budget", lambda: files(changed("budget.scans", 0)), lambda: set_field("budget.scans", 0)
     ),
+    "camera beyond the moon": Bad(
+        InvalidInput,
+        "base_T_camera",
+        lambda: files(changed("base_T_camera.translation.0", 4e8)),
+        lambda: set_field("base_t_camera.matrix.3", 4e8),
+    ),
+    "depth of light years": Bad(
+        InvalidInput,
+        "depth",
+        lambda: files(depth=npy(np.full(MASK.shape, 1e20, np.float32))),
+        lambda: _depth(np.full(MASK.shape, 1e20, np.float32), "f4"),
+    ),
     "five megapixels": Bad(
         TooLarge,
         "pixels",
@@ -260,6 +271,14 @@ def test_no_number_of_a_request_may_be_anything_but_finite(constant: str, orches
             response = client.post("/v1/sessions", files=form)
             assert response.status_code == 400, path
             check(response.json(), Malformed)
+
+
+@pytest.mark.parametrize("value", [1e300, -1e300, 5e-324])
+def test_no_number_however_absurd_is_a_defect(value: float, orchestrator: Orchestrator) -> None:
+    with httpx.Client(base_url=orchestrator.rest_url, timeout=TIMEOUT, trust_env=False) as client:
+        for path in number_paths(request_to_json(FULL)):
+            response = client.post("/v1/sessions", files=files(changed(path, value)))
+            assert response.status_code in (201, 422), (path, response.text)
 
 
 def float_paths(item: Message, path: str = "") -> Iterator[str]:
@@ -387,15 +406,12 @@ def test_a_gigabyte_is_refused_before_it_is_read(orchestrator: Orchestrator) -> 
         ("/v1/sessions", "multipart/form-data; boundary=x", form),
         (scan_path, "application/json", b'{"samples": ['),
     ):
-        taken: list[int] = []
-        document, _ = over_rest(
-            orchestrator, "POST", path, content=gigabyte(start, taken), headers={"content-type": media_type}
-        )
-        check(document, TooLarge, "bytes")
-        assert sum(taken) < 128 << 20
-    announced = {"content-type": "application/json", "content-length": str(1 << 30)}
-    document, _ = over_rest(orchestrator, "POST", scan_path, content=iter([bytes(1)]), headers=announced)
-    check(document, TooLarge, "bytes")
+        for announced in ({}, {"content-length": str(len(start) + (1 << 30))}):
+            taken: list[int] = []
+            headers = {"content-type": media_type} | announced
+            document, _ = over_rest(orchestrator, "POST", path, content=gigabyte(start, taken), headers=headers)
+            check(document, TooLarge, "bytes")
+            assert sum(taken) < 128 << 20
     assert orchestrator.peak_memory() - before < 100 << 20
 
 

@@ -6,9 +6,8 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from box_session import DEPTH, DEPTH_SCALE, MASK, ROOMY, measured, request
+from box_session import DEPTH, DEPTH_SCALE, MASK, ROOMY, TOKEN, measured, request
 from client_kinds import KINDS, opened
-from conftest import TOKEN
 from fake_upstream import DEVICE, FakeUpstream
 from processes import Orchestrator
 
