@@ -14,7 +14,6 @@ from pretouch.rectangle import RotatedRectangle
 from pretouch.tof import MAX_SAMPLES, MAX_TIME, RangeSamples, Sensor
 from pretouch.trajectory import Trajectory
 
-
 MIN_SPEED = 1e-6
 """m/s; a slower scan would not end."""
 
