@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-import io
 import json
-import pickle
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
-from box_session import DEPTH, MASK, TOKEN, request
+from box_session import DEPTH, MASK, TOKEN
 from box_view import png
+from creation import FULL, changed, files, image, message, npy, set_field, with_depth, with_roi, without
 from google.protobuf.message import Message
 from problems import TIMEOUT, check, code_of, over_grpc, over_rest
 from processes import Orchestrator
 
-from pretouch.client import GrpcClient, RestClient
 from pretouch.errors import (
     InvalidInput,
     Malformed,
@@ -30,62 +26,9 @@ from pretouch.errors import (
     Unavailable,
     UnsupportedMedia,
 )
-from pretouch.geometry import Plane, Pose
 from pretouch.v1 import orchestrator_pb2 as pb
-from pretouch.wire.common import array_to_proto
 from pretouch.wire.json import request_to_json
 from pretouch.wire.session import request_to_proto
-
-FULL = request(
-    roi=(0, 0, 320, 240),
-    table=Plane(np.array([0.0, 0.0, 1.0]), 0.0),
-    base_T_object=Pose.identity(),
-)
-"""A request with every member."""
-
-
-def files(document: Any = None, depth: bytes | None = None, mask: bytes | None = None) -> dict[str, Any]:
-    """The multipart form, good but for what is given."""
-    body = json.dumps(request_to_json(request()) if document is None else document).encode()
-    return {
-        "request": ("request.json", body, "application/json"),
-        "depth": ("depth.png", png(DEPTH) if depth is None else depth, "application/octet-stream"),
-        "mask": ("mask.png", png(np.where(MASK, 255, 0).astype(np.uint8)) if mask is None else mask, "image/png"),
-    }
-
-
-def message(depth: np.ndarray = DEPTH, mask: np.ndarray = MASK) -> pb.CreateSessionRequest:
-    return request_to_proto(request(), depth, mask)
-
-
-def changed(path: str, value: Any, document: Any = None) -> Any:
-    """The request's JSON with the member at the dotted `path` set to `value`."""
-    result = copy.deepcopy(request_to_json(FULL) if document is None else document)
-    *parents, last = [int(step) if step.isdigit() else step for step in path.split(".")]
-    owner = result
-    for step in parents:
-        owner = owner[step]
-    owner[last] = value
-    return result
-
-
-def set_field(path: str, value: Any) -> pb.CreateSessionRequest:
-    """The request's message with the field at the dotted `path` set to `value`."""
-    result: Message = request_to_proto(FULL, DEPTH, MASK)
-    *parents, last = path.split(".")
-    owner: Any = result
-    for step in parents:
-        owner = owner[int(step)] if step.isdigit() else getattr(owner, step)
-    if last.isdigit():
-        owner[int(last)] = value
-    else:
-        setattr(owner, last, value)
-    return result  # type: ignore[return-value]
-
-
-def image(shape: tuple[int, int], value: int, dtype: type = np.uint8) -> np.ndarray:
-    return np.full(shape, value, dtype)
-
 
 LEANING = (0.0, 0.0, 0.7, 0.7)  # a quaternion of norm 0.99
 
@@ -129,10 +72,10 @@ BAD = {
         InvalidInput,
         "roi",
         lambda: files(changed("roi", [0, 0, 20, 20])),
-        lambda: _roi(0, 0, 20, 20),
+        lambda: with_roi(0, 0, 20, 20),
     ),
     "roi inside out": Bad(
-        InvalidInput, "roi", lambda: files(changed("roi", [20, 0, 10, 20])), lambda: _roi(20, 0, 10, 20)
+        InvalidInput, "roi", lambda: files(changed("roi", [20, 0, 10, 20])), lambda: with_roi(20, 0, 10, 20)
     ),
     "NaN focal length": Bad(
         Malformed, "", lambda: files(changed("camera.fx", np.nan)), lambda: set_field("camera.fx", np.nan)
@@ -156,7 +99,7 @@ BAD = {
         InvalidInput,
         "camera is missing",
         lambda: files({name: value for name, value in request_to_json(FULL).items() if name != "camera"}),
-        lambda: _without("camera"),
+        lambda: without("camera"),
     ),
     "unknown proposer": Bad(
         InvalidInput, "proposer", lambda: files(changed("proposer", "best")), lambda: set_field("proposer", "best")
@@ -186,7 +129,7 @@ BAD = {
         InvalidInput,
         "depth",
         lambda: files(depth=npy(np.full(MASK.shape, 1e20, np.float32))),
-        lambda: _depth(np.full(MASK.shape, 1e20, np.float32), "f4"),
+        lambda: with_depth(np.full(MASK.shape, 1e20, np.float32), "f4"),
     ),
     "five megapixels": Bad(
         TooLarge,
@@ -198,39 +141,15 @@ BAD = {
         InvalidInput,
         "depth",
         lambda: files(depth=npy(np.ones(DEPTH.shape))),
-        lambda: _depth(np.ones(DEPTH.shape), "f8"),
+        lambda: with_depth(np.ones(DEPTH.shape), "f8"),
     ),
     "depth of one dimension": Bad(
         InvalidInput,
         "shape",
         lambda: files(depth=npy(np.ones(400, np.float32))),
-        lambda: _depth(np.ones(400, np.float32), "f4"),
+        lambda: with_depth(np.ones(400, np.float32), "f4"),
     ),
 }
-
-
-def npy(array: np.ndarray) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, array, allow_pickle=True)
-    return stream.getvalue()
-
-
-def _roi(u0: int, v0: int, u1: int, v1: int) -> pb.CreateSessionRequest:
-    result = message()
-    result.roi.CopyFrom(pb.Roi(u0=u0, v0=v0, u1=u1, v1=v1))
-    return result
-
-
-def _without(name: str) -> pb.CreateSessionRequest:
-    result = message()
-    result.ClearField(name)  # type: ignore[arg-type]
-    return result
-
-
-def _depth(array: np.ndarray, dtype: str) -> pb.CreateSessionRequest:
-    result = message()
-    result.depth.CopyFrom(array_to_proto(array, dtype))
-    return result
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -305,63 +224,6 @@ def test_no_number_of_a_message_may_be_anything_but_finite(value: float, orchest
         check(document, Malformed)
 
 
-def test_a_png_that_is_none_is_malformed(orchestrator: Orchestrator) -> None:
-    whole = png(DEPTH)
-    for depth in (b"", b"depth", whole[:1000], whole[:40] + bytes(1000) + whole[1040:], b"GIF89a" + bytes(100)):
-        document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=depth))
-        check(document, Malformed, "PNG")
-    document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(mask=whole[:100]))
-    check(document, Malformed, "mask")
-
-
-def test_a_png_of_another_kind_is_not_valid(orchestrator: Orchestrator) -> None:
-    for depth in (png(image(DEPTH.shape, 200)), png(np.dstack([MASK.astype(np.uint8)] * 3))):
-        document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=depth))
-        check(document, InvalidInput, "16-bit")
-
-
-def test_an_array_that_does_not_fill_its_shape_is_not_valid(orchestrator: Orchestrator) -> None:
-    short = message()
-    short.depth.data = short.depth.data[:-2]
-    document, _ = over_grpc(orchestrator, "CreateSession", short)
-    check(document, InvalidInput, "depth")
-    huge = message()
-    del huge.depth.shape[:]
-    huge.depth.shape.extend([2**32 - 1, 2**32 - 1])
-    document, _ = over_grpc(orchestrator, "CreateSession", huge)
-    check(document, InvalidInput, "depth")
-
-
-class Trap:
-    """Makes a file when it is unpickled."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __reduce__(self) -> Any:
-        return (open, (str(self._path), "w"))
-
-
-def test_a_pickle_is_refused_and_not_opened(orchestrator: Orchestrator, tmp_path: Path) -> None:
-    sprung = tmp_path / "sprung"
-    trap = np.empty((2, 2), dtype=object)
-    trap[:] = [[Trap(sprung)] * 2] * 2
-    for depth in (npy(trap), pickle.dumps(Trap(sprung)), npy(np.array(Trap(sprung)))):
-        document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=depth))
-        check(document, Malformed if document["status"] == 400 else InvalidInput)
-    assert not sprung.exists()
-
-
-def test_an_array_file_that_is_damaged_is_malformed(orchestrator: Orchestrator) -> None:
-    whole = npy(DEPTH)
-    for depth in (whole[:20], whole[:-5], whole.replace(b"'shape'", b"'shapf'"), whole[:6] + b"\x09" + whole[7:]):
-        document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=depth))
-        check(document, Malformed, "npy")
-    bomb = whole.replace(b"(240, 320)", b"(2400000, 3200000)".ljust(10))
-    document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=bomb))
-    assert document["status"] in (400, 413)
-
-
 def test_a_request_that_is_not_json_is_malformed(orchestrator: Orchestrator) -> None:
     for body in (b"", b"{", b"\xff\xfe", b"[" * 100_000, b'{"camera": {}} x'):
         form = files() | {"request": ("request.json", body, "application/json")}
@@ -393,40 +255,6 @@ def test_a_form_that_cannot_be_taken_apart_is_malformed(orchestrator: Orchestrat
         )
         assert document["status"] in (400, 422)
         check(document, Malformed if document["status"] == 400 else InvalidInput)
-
-
-def test_a_gigabyte_is_refused_before_it_is_read(orchestrator: Orchestrator) -> None:
-    with RestClient(orchestrator.rest_url) as client:
-        session = client.create_session(request(), DEPTH, MASK)
-    assert session.next_scan is not None
-    scan_path = f"/v1/sessions/{session.id}/scans/{session.next_scan.scan_id}"
-    form = b'--x\r\nContent-Disposition: form-data; name="depth"; filename="depth.png"\r\n\r\n'
-    before = orchestrator.peak_memory()
-    for path, media_type, start in (
-        ("/v1/sessions", "multipart/form-data; boundary=x", form),
-        (scan_path, "application/json", b'{"samples": ['),
-    ):
-        for announced in ({}, {"content-length": str(len(start) + (1 << 30))}):
-            taken: list[int] = []
-            headers = {"content-type": media_type} | announced
-            document, _ = over_rest(orchestrator, "POST", path, content=gigabyte(start, taken), headers=headers)
-            check(document, TooLarge, "bytes")
-            assert sum(taken) < 128 << 20
-    assert orchestrator.peak_memory() - before < 100 << 20
-
-
-def gigabyte(start: bytes, taken: list[int]) -> Iterator[bytes]:
-    """`start` and a gigabyte; `taken` holds the sizes of the pieces that were asked for."""
-    yield start
-    for _ in range(1024):
-        taken.append(1 << 20)
-        yield bytes(1 << 20)
-
-
-def test_a_message_beyond_the_limit_is_refused(orchestrator: Orchestrator) -> None:
-    big = np.ones((4000, 4200), np.float32)
-    with GrpcClient(orchestrator.address) as client, pytest.raises(TooLarge):
-        client.create_session(request(), big, np.ones(big.shape))
 
 
 def test_a_wrong_token_is_the_same_problem_on_both_wires(guarded: Orchestrator) -> None:

@@ -1,0 +1,110 @@
+"""Images and arrays that are not what they say are refused unread, and a body beyond the limit before it came."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from box_session import DEPTH, MASK, request
+from box_view import png
+from creation import files, image, message, npy
+from problems import check, over_grpc, over_rest
+from processes import Orchestrator
+
+from pretouch.client import GrpcClient, RestClient
+from pretouch.errors import InvalidInput, Malformed, TooLarge
+
+
+def test_a_png_that_is_none_is_malformed(orchestrator: Orchestrator) -> None:
+    whole = png(DEPTH)
+    for depth in (b"", b"depth", whole[:1000], whole[:40] + bytes(1000) + whole[1040:], b"GIF89a" + bytes(100)):
+        document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=depth))
+        check(document, Malformed, "PNG")
+    document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(mask=whole[:100]))
+    check(document, Malformed, "mask")
+
+
+def test_a_png_of_another_kind_is_not_valid(orchestrator: Orchestrator) -> None:
+    for depth in (png(image(DEPTH.shape, 200)), png(np.dstack([MASK.astype(np.uint8)] * 3))):
+        document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=depth))
+        check(document, InvalidInput, "16-bit")
+
+
+def test_an_array_that_does_not_fill_its_shape_is_not_valid(orchestrator: Orchestrator) -> None:
+    short = message()
+    short.depth.data = short.depth.data[:-2]
+    document, _ = over_grpc(orchestrator, "CreateSession", short)
+    check(document, InvalidInput, "depth")
+    huge = message()
+    del huge.depth.shape[:]
+    huge.depth.shape.extend([2**32 - 1, 2**32 - 1])
+    document, _ = over_grpc(orchestrator, "CreateSession", huge)
+    check(document, InvalidInput, "depth")
+
+
+class Trap:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __reduce__(self) -> Any:
+        return (open, (str(self._path), "w"))
+
+
+def test_a_pickle_is_refused_and_not_opened(orchestrator: Orchestrator, tmp_path: Path) -> None:
+    sprung = tmp_path / "sprung"
+    trap = np.empty((2, 2), dtype=object)
+    trap[:] = [[Trap(sprung)] * 2] * 2
+    for depth in (npy(trap), pickle.dumps(Trap(sprung)), npy(np.array(Trap(sprung)))):
+        document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=depth))
+        check(document, Malformed if document["status"] == 400 else InvalidInput)
+    assert not sprung.exists()
+
+
+def test_an_array_file_that_is_damaged_is_malformed(orchestrator: Orchestrator) -> None:
+    whole = npy(DEPTH)
+    for depth in (whole[:20], whole[:-5], whole.replace(b"'shape'", b"'shapf'"), whole[:6] + b"\x09" + whole[7:]):
+        document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=depth))
+        check(document, Malformed, "npy")
+    bomb = whole.replace(b"(240, 320)", b"(2400000, 3200000)".ljust(10))
+    document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=bomb))
+    assert document["status"] in (400, 413)
+
+
+def test_a_gigabyte_is_refused_before_it_is_read(orchestrator: Orchestrator) -> None:
+    with RestClient(orchestrator.rest_url) as client:
+        session = client.create_session(request(), DEPTH, MASK)
+    assert session.next_scan is not None
+    scan_path = f"/v1/sessions/{session.id}/scans/{session.next_scan.scan_id}"
+    form = b'--x\r\nContent-Disposition: form-data; name="depth"; filename="depth.png"\r\n\r\n'
+    before = orchestrator.peak_memory()
+    for path, media_type, start in (
+        ("/v1/sessions", "multipart/form-data; boundary=x", form),
+        (scan_path, "application/json", b'{"samples": ['),
+    ):
+        for announced in ({}, {"content-length": str(len(start) + (1 << 30))}):
+            taken: list[int] = []
+            headers = {"content-type": media_type} | announced
+            document, _ = over_rest(orchestrator, "POST", path, content=gigabyte(start, taken), headers=headers)
+            check(document, TooLarge, "bytes")
+            assert sum(taken) < 128 << 20
+    assert orchestrator.peak_memory() - before < 100 << 20
+
+
+def gigabyte(start: bytes, taken: list[int]) -> Iterator[bytes]:
+    """`start` and a gigabyte; `taken` holds the sizes of the pieces that were asked for."""
+    yield start
+    for _ in range(1024):
+        taken.append(1 << 20)
+        yield bytes(1 << 20)
+
+
+def test_a_message_beyond_the_limit_is_refused(orchestrator: Orchestrator) -> None:
+    big = np.ones((4000, 4200), np.float32)
+    with GrpcClient(orchestrator.address) as client, pytest.raises(TooLarge):
+        client.create_session(request(), big, np.ones(big.shape))
