@@ -92,7 +92,7 @@ class Sessions:
         Raises:
             NotFound: no such session.
         """
-        record = await self._record(session_id)
+        record = self._records.get(session_id) or await self._store.record(session_id)
         return record.view() if scan_id in record.answered else None
 
     async def submit(self, session_id: str, scan_id: str, submission: Submission) -> Session:
@@ -241,6 +241,7 @@ class Sessions:
         return session
 
     async def _record(self, session_id: str) -> Record:
+        """To be called with the session's lock held: a step meanwhile would leave an old record in memory."""
         record = self._records.get(session_id) or await self._store.record(session_id)
         self._remember(record)
         return record

@@ -1,0 +1,64 @@
+"""Steps of one session that overlap: each starts from what the one before left."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions import Sessions
+from pretouch_orchestrator.sqlite import SqliteStore, open_store
+from records import a_record
+
+from pretouch.serving import Kit, Settings
+from pretouch.session import Skipped
+
+
+class SlowToRead:
+    """A store whose first read of a record takes until `go` is set, and then gives what it saw at its start."""
+
+    def __init__(self, store: SqliteStore) -> None:
+        self._store = store
+        self.reading, self.go = asyncio.Event(), asyncio.Event()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._store, name)
+
+    async def record(self, session_id: str) -> Record:
+        record = await self._store.record(session_id)
+        if not self.reading.is_set():
+            self.reading.set()
+            await self.go.wait()
+        return record
+
+
+class AnswersOnly:
+    """A loop that notes which scans were answered."""
+
+    async def advance(self, record: Record, scan_id: str, submission: object) -> Record:
+        return replace(record, answered=(*record.answered, scan_id))
+
+
+@pytest.fixture
+async def store(tmp_path: Path) -> AsyncIterator[SlowToRead]:
+    async with open_store(tmp_path) as opened:
+        await opened.create(a_record("one"), [], None)
+        yield SlowToRead(opened)
+
+
+async def test_a_look_that_began_before_a_step_does_not_undo_it(store: SlowToRead) -> None:
+    kit = Kit("orchestrator", Settings())
+    sessions = Sessions(store, AnswersOnly(), None, kit)  # type: ignore[arg-type]
+    look = asyncio.create_task(sessions.answered("one", "a"))
+    await store.reading.wait()
+    await sessions.submit("one", "a", Skipped())
+    store.go.set()
+    assert await look is None
+    await asyncio.gather(sessions.submit("one", "b", Skipped()), sessions.submit("one", "c", Skipped()))
+    assert set((await store.record("one")).answered) == {"a", "b", "c"}
+    await sessions.close()
+    kit.close()
