@@ -91,7 +91,7 @@ class Child:
         """How one run of the child ended."""
         try:
             process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "pretouch", "serve", self.name, "--until-stdin-closes"),
+                *(sys.executable, "-P", "-m", "pretouch", "serve", self.name, "--until-stdin-closes"),
                 *("--host", self._host, "--port", str(self._port)),
                 env=self._environment,
                 stdin=PIPE,

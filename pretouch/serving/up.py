@@ -22,8 +22,11 @@ from pretouch.serving.logs import configure_logs
 from pretouch.serving.settings import Settings
 
 _READY_WITHIN = 300.0  # s; a first start may compile the registrar's kernels
-_NOT_FOR_CHILDREN = ("METRICS_PORT", "TLS_CERT", "TLS_KEY", "TLS_CLIENT_CA", "TOKEN")
-"""Common options whose variables would mean another thing to each child, or clash."""
+_NOT_FOR_CHILDREN = {
+    f"PRETOUCH_{option}"
+    for option in ("METRICS_PORT", "TLS_CERT", "TLS_KEY", "TLS_CLIENT_CA", "ORCHESTRATOR_TLS_CA", "TOKEN")
+}
+"""Variables that would clash between the children, or come between them: on loopback they speak plainly."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +110,7 @@ async def up(stack: Stack, announce: Callable[[str], None]) -> None:
 
 async def _start(stack: Stack, children: list[Child]) -> str:
     """Starts the children, each as soon as what it needs is there; the ready line."""
-    common = {
-        key: value for key, value in os.environ.items() if key not in {f"PRETOUCH_{n}" for n in _NOT_FOR_CHILDREN}
-    }
+    common = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
     common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core tells of every peer that leaves, in a format of its own
     common["PRETOUCH_LOG_LEVEL"] = "debug" if stack.log_level == "debug" else "info"
     if stack.token is not None:

@@ -143,7 +143,8 @@ def test_a_signal_during_the_start_ends_it_cleanly(tmp_path: Path) -> None:
 
 
 def test_nothing_outlives_it_even_if_it_is_killed(tmp_path: Path) -> None:
-    with brought_up(tmp_path, *FREE, "--token", "s3cret") as up:
+    for_one_service = {"PRETOUCH_METRICS_PORT": "1", "PRETOUCH_TLS_CERT": "cert.pem", "PRETOUCH_PORT": "1"}
+    with brought_up(tmp_path, *FREE, "--token", "s3cret", **for_one_service) as up:
         rest, _ = up.ready()
         assert answers(f"{rest}/v1/sessions") == 401
         assert httpx.get(f"{rest}/v1/sessions", headers={"authorization": "Bearer s3cret"}).status_code == 200
