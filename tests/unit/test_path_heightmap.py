@@ -115,7 +115,7 @@ def test_a_camera_straight_above_casts_shadows_outwards() -> None:
     heights = np.zeros((81, 81))
     heights[8:12, 30:51] = 0.1
     ceiling = shadow_ceiling(heights, 0.002, np.array([0.08, 0.08, 0.5]))
-    assert ceiling[6, 40] == pytest.approx(0.5 - 0.068 * 0.4 / 0.064, abs=0.006)
+    assert ceiling[6, 40] == pytest.approx(0.5 - 0.068 * 0.4 / 0.065, abs=0.004)
     assert ceiling[14, 40] <= 0.0
 
 
