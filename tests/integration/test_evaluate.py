@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pretouch_simulation.mesh import Mesh
+from made_frame import write_mesh
 from pretouch_simulation.objects import MAKERS
 
 FIELDS = {
@@ -31,16 +31,11 @@ FIELDS = {
 }
 
 
-def write_obj(path: Path, mesh: Mesh) -> None:
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    path.write_text("\n".join(lines) + "\n")
-
-
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("meshes")
     for name in ("drill", "mug"):
-        write_obj(folder / f"{name}.obj", MAKERS[name]())
+        write_mesh(folder / f"{name}.obj", MAKERS[name]())
     return folder
 
 

@@ -7,15 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
+from made_frame import write_frame
 from pretouch_simulation.frames import frame_case, load_frame
-from pretouch_simulation.kinect import render
-from pretouch_simulation.mesh import Mesh
-from pretouch_simulation.objects import box, can
-from pretouch_simulation.protocol import PLACE, TABLE, looking_at
-from pretouch_simulation.world import Body, World
+from pretouch_simulation.protocol import PLACE
 
-from pretouch.camera import Camera
 from pretouch.errors import InvalidInput, Malformed, NotFound
 from pretouch.geometry import Pose
 
@@ -23,39 +18,9 @@ SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).parents[3] / "sha
 REAL = SHARED / "data" / "real_depth" / "ycb_video"
 
 
-def write_obj(path: Path, mesh: Mesh) -> None:
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    path.write_text("\n".join(lines) + "\n")
-
-
 @pytest.fixture
 def frame_file(tmp_path: Path) -> Path:
-    """A frame of a box and a can, rendered, in the format of the real ones."""
-    camera, base_T_camera = Camera(525, 525, 159.5, 119.5), looking_at(PLACE, 0.7, 0.9)
-    meshes = {"box": box(0.08, 0.06, 0.05), "can": can(0.03, 0.06)}
-    places = {"box": Pose.identity(), "can": Pose.of(np.eye(3), [0.0, 0.09, 0.0])}
-    bodies = [Body(meshes[name], Pose.of(np.eye(3), PLACE) @ places[name]) for name in meshes]
-    depth, hit = render(World(bodies, TABLE), camera, base_T_camera, np.random.default_rng(0), (240, 320))
-    objects: list[dict[str, Any]] = []
-    for k, (name, mesh) in enumerate(meshes.items()):
-        write_obj(tmp_path / f"{name}.obj", mesh)
-        camera_T_object = base_T_camera.inverse() @ bodies[k].base_T_mesh
-        objects.append(
-            {"name": name, "label": k + 3, "mesh": f"{name}.obj", "T_cam_obj": camera_T_object.matrix.tolist()}
-        )
-    Image.fromarray(np.round(depth.metres * 10000).astype(np.uint16)).save(tmp_path / "depth.png")
-    Image.fromarray(np.where(hit >= 0, hit + 3, 0).astype(np.uint8)).save(tmp_path / "label.png")
-    description = {
-        "width": 320,
-        "height": 240,
-        **{"fx": 525.0, "fy": 525.0, "cx": 159.5, "cy": 119.5},
-        "depth_unit_m": 0.0001,
-        "files": {"depth": "depth.png", "label": "label.png"},
-        "objects": objects,
-    }
-    path = tmp_path / "frame.json"
-    path.write_text(json.dumps(description))
-    return path
+    return write_frame(tmp_path)
 
 
 def changed(path: Path, **members: Any) -> Path:
@@ -115,7 +80,7 @@ def test_missing_and_broken_files_are_named(frame_file: Path, tmp_path: Path) ->
     [
         ({"objects": []}, "names no object"),
         ({"objects": [{"name": "box"}]}, "T_cam_obj"),
-        ({"width": 640}, "says"),
+        ({"width": 320}, "says"),
         ({"fx": 0}, "focal"),
         ({"files": {}}, "depth"),
     ],

@@ -1,0 +1,66 @@
+"""`pretouch demo`: two sessions through real services with a simulated robot; or one on a real depth frame."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pretouch_registrar.registration import Engine
+from rich.console import Console
+
+from pretouch.errors import InvalidInput
+from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.frame_demo import engine_variable, run_frame
+from pretouch_simulation.frames import frame_case, load_frame
+from pretouch_simulation.services import Services
+from pretouch_simulation.show import show
+
+RESULTS = Path("demo-results")
+_INTERRUPTED = 130
+
+
+def demo(
+    frame: Annotated[Path | None, typer.Option(help="A real depth frame's .json; left out: two made objects.")] = None,
+    object_name: Annotated[str | None, typer.Option("--object", help="Which object of the frame.")] = None,
+    seed: Annotated[int, typer.Option(help="Another seed hides another calibration error.")] = 0,
+    sensor: Annotated[FingerModel, typer.Option(help="The simulated fingertip.")] = FingerModel.IDEAL,
+    engine: Annotated[Engine, typer.Option(help="How scans are matched.")] = Engine.MAP,
+    out: Annotated[Path | None, typer.Option("--json", help="With --frame: where its result goes.")] = None,
+    results: Annotated[Path, typer.Option(help="Where picture and report go.")] = RESULTS,
+) -> None:
+    """Correct an object's pose with a simulated finger, through all four services."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        if frame is None:
+            if object_name is not None or out is not None:
+                raise InvalidInput("--object and --json go with --frame.", "Add --frame FRAME.json, or leave them out.")
+            show(results, seed, sensor, engine, Console())
+        else:
+            _frame(frame, object_name, seed, sensor, engine, out)
+    except KeyboardInterrupt:
+        raise typer.Exit(_INTERRUPTED) from None
+
+
+def _frame(
+    path: Path, object_name: str | None, seed: int, sensor: FingerModel, engine: Engine, out: Path | None
+) -> None:
+    loaded = load_frame(path)
+    if object_name is None:
+        names = ", ".join(thing.name for thing in loaded.objects)
+        raise InvalidInput("--frame needs --object.", f"Choose from: {names}.")
+    case = frame_case(loaded, object_name, seed)
+    console = Console()
+    with console.status("Starting the services ..."), Services(environment=engine_variable(engine)) as services:
+        console.print(f"{case.name}: {sensor} finger, engine {engine}, seed {seed}.", markup=False)
+        result = run_frame(services, case, sensor)
+    console.print(
+        f"{result.state}: the camera was {1000 * result.initial_error:.1f} mm off, {1000 * result.final_error:.1f} mm "
+        f"are left ({1000 * result.expected_error:.1f} mm expected) after {result.scans} scans of "
+        f"{result.fraction:.1%} of the object in {result.seconds:.1f} robot seconds."
+    )
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps(result.as_dict(), indent=1) + "\n")

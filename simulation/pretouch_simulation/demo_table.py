@@ -1,0 +1,32 @@
+"""The table that the demo shows while its sessions run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from pretouch_simulation.demo import Recording
+
+
+def live_table(recordings: Sequence[Recording]) -> Table:
+    """One line per state of each session; its last line says how it ended."""
+    table = Table(title="Error of the object's points, mm", title_justify="left")
+    for name in ("session", "scan", "region"):
+        table.add_column(name, no_wrap=True)
+    for name in ("share", "robot s", "expected", "true"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for recording in recordings:
+        errors = zip(recording.states, recording.expected_errors(), recording.true_errors(), strict=True)
+        for k, (state, expected, true) in enumerate(errors):
+            table.add_row(
+                recording.title if k == 0 else str(state.state) if state.state.ended else "",
+                str(k) if k else "none",
+                state.scans[-1].region_id if state.scans else "",
+                f"{state.budget_used.fraction:.1%}",
+                f"{state.budget_used.seconds:.1f}",
+                f"{1000 * expected:.1f}",
+                f"{1000 * true:.1f}",
+            )
+        table.add_section()
+    return table

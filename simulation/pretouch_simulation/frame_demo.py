@@ -1,0 +1,74 @@
+"""One session on a case through running services, the finger's samples taken straight from the world."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from pretouch_registrar.registration import Engine
+
+from pretouch.client import RestClient
+from pretouch.geometry import Array, Pose
+from pretouch.session import ScanPlan, Submission
+from pretouch_simulation.demo import Execute, Recording, record
+from pretouch_simulation.finger import FingerModel, measure, sensor_of
+from pretouch_simulation.protocol import Case, generator
+from pretouch_simulation.robot import DirectRobot
+from pretouch_simulation.services import Services
+
+_TIMEOUT = 60.0
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a session came to; metres, and `seconds` of the robot's time."""
+
+    initial_error: float
+    final_error: float
+    expected_error: float
+    scans: int
+    fraction: float
+    seconds: float
+    state: str
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def engine_variable(engine: Engine) -> dict[str, str]:
+    """The environment that makes the services' registrar match by `engine`."""
+    return {"PRETOUCH_REGISTRAR_ENGINE": engine.value}
+
+
+def run_frame(services: Services, case: Case, model: FingerModel) -> Result:
+    """Runs a REST session on `case` to its end; the seed of the finger's noise is fixed by the case."""
+    recording = Recording(case.name, case)
+    with RestClient(services.rest, timeout=_TIMEOUT) as client:
+        for _ in record(client, recording, model, mask=True, execute=direct_finger(case, model)):
+            pass
+    last = recording.last
+    return Result(
+        initial_error=case.error(Pose.identity()),
+        final_error=recording.true_errors()[-1],
+        expected_error=last.estimate.expected_error,
+        scans=last.budget_used.scans,
+        fraction=last.budget_used.fraction,
+        seconds=last.budget_used.seconds,
+        state=last.state.value,
+    )
+
+
+def direct_finger(case: Case, model: FingerModel) -> Execute:
+    """A robot that makes scans of the case's world without spending time on them."""
+    rng = generator("finger", case.name, case.view)
+
+    def measured(base_T_tip: Array) -> tuple[Array, Any]:
+        return measure(case.world, base_T_tip, model, rng)
+
+    robot = DirectRobot(measured, sensor_of(model).rate)
+
+    def execute(plan: ScanPlan) -> tuple[Submission, Any]:
+        samples = robot.scan(plan)
+        return samples, samples
+
+    return execute

@@ -1,0 +1,107 @@
+"""`pretouch up` as a child of the demo: all four services as the real processes that they are."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Self
+
+from pretouch.errors import DeadlineExceeded, Unavailable
+
+_START_TIMEOUT = 320.0
+"""s: longer than `pretouch up` itself waits, so that it can say what was missing."""
+_END_TIMEOUT = 60.0
+_READY = re.compile(rb"REST and dashboard (\S+), gRPC (\S+)")
+
+
+class Services:
+    """All services on free ports of this machine, their state in a temporary directory; use it in a `with` block.
+
+    Args:
+        devices: `name=port` of each finger.
+        environment: variables for the services beside this process's own.
+
+    Attributes:
+        rest: URL of the REST API.
+        grpc, gateway: host:port of the orchestrator and of the sensor gateway.
+    """
+
+    def __init__(self, devices: Sequence[str] = (), environment: Mapping[str, str] | None = None) -> None:
+        self._devices = devices
+        self._environment = {**os.environ, **(environment or {})}
+        self._stack = ExitStack()
+        self.rest = self.grpc = self.gateway = ""
+
+    def __enter__(self) -> Self:
+        """Starts the services and waits until they are ready.
+
+        Raises:
+            Unavailable: they ended; the error says what they logged last.
+            DeadlineExceeded: they were not ready in time.
+        """
+        with self._stack:
+            state = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="pretouch-")))
+            log = state / "services.log"
+            options = ["--rest-port", "0", "--grpc-port", "0", "--state", str(state / "state"), "--log-level", "info"]
+            options += [part for device in self._devices for part in ("--device", device)]
+            process = subprocess.Popen(
+                [sys.executable, "-m", "pretouch", "up", *options],
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=self._stack.enter_context(log.open("wb")),
+                start_new_session=True,  # a Ctrl-C is the demo's, which ends them in order
+            )
+            self._stack.callback(_end, process)
+            ready = _READY.search(_first_line(process, log))
+            if ready is None:
+                raise Unavailable(f"The services did not start: {_last_of(log)}", "Mend what they say.")
+            self.rest, self.grpc = (part.decode() for part in ready.groups())
+            self.gateway = f"127.0.0.1:{_port_of('gateway', log)}"
+            self._stack = self._stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.send_signal(signal.SIGTERM)
+    try:
+        process.wait(_END_TIMEOUT)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    assert process.stdout is not None
+    process.stdout.close()
+
+
+def _first_line(process: subprocess.Popen[bytes], log: Path) -> bytes:
+    assert process.stdout is not None
+    readable, _, _ = select.select([process.stdout], [], [], _START_TIMEOUT)
+    if not readable:
+        raise DeadlineExceeded(f"The services did not start in time: {_last_of(log)}", "Try again.")
+    return process.stdout.readline()
+
+
+def _last_of(log: Path) -> str:
+    return log.read_bytes()[-600:].decode(errors="replace").strip() or "they said nothing."
+
+
+def _port_of(service: str, log: Path) -> int:
+    """The port that a service's log line `ready` names."""
+    for line in log.read_bytes().splitlines():
+        with suppress(ValueError):
+            fields = json.loads(line)
+            if isinstance(fields, dict) and fields.get("service") == service and fields.get("event") == "ready":
+                return int(fields["port"])
+    raise Unavailable(f"The {service} did not say where it serves.", "Look at its log.")
