@@ -59,12 +59,11 @@ def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: 
             fingers = {name: stack.enter_context(_finger(case, model, seed)) for name, case in cases.items()}
             devices = [f"{name}={finger.port}" for name, finger in fingers.items()]
             services = stack.enter_context(Services(devices, engine_variable(engine)))
-        console.print(
-            f"REST and dashboard {services.rest}, gRPC {services.grpc}, gateway {services.gateway}.\n"
-            f"Each camera's extrinsics are wrong by up to 2 cm and 5 degrees per axis; nobody is told by how much.\n"
+        _say(
+            console,
+            f"REST and dashboard {services.rest}, gRPC {services.grpc}, gateway {services.gateway}.",
+            "Each camera's extrinsics are wrong by up to 2 cm and 5 degrees per axis; nobody is told by how much.",
             f"The robot moves {PACE:g} times as fast as planned, and its {model} finger measures as much faster.",
-            highlight=False,
-            markup=False,
         )
         with Live(live_table(recordings), console=console, auto_refresh=False) as live:
             for act in ACTS:
@@ -72,7 +71,7 @@ def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: 
                 for _ in _play(act, recordings[-1], services, fingers[act.object_name], model):
                     live.update(live_table(recordings), refresh=True)
     _keep(recordings, results, f"engine {engine}, {model} finger, seed {seed}", console)
-    console.print(f"All of it took {time.monotonic() - started:.0f} s.", highlight=False)
+    _say(console, f"All of it took {time.monotonic() - started:.0f} s.")
 
 
 def _play(
@@ -128,11 +127,17 @@ def _keep(recordings: Sequence[Recording], results: Path, how: str, console: Con
     picture, report = results / "picture.png", results / "report.html"
     save_picture(recordings, picture)
     save_report(recordings, f"Simulated objects, camera and finger; all four services as they are; {how}.", report)
-    console.print(
-        f"\n{picture}: for each object the depth image with the regions in the order they were scanned; the camera's "
-        f"points before and after the correction, beside the true object and where the fingertip measured; and the "
-        f"error over the scans, as the estimate expected it and as it truly was.\n"
+    _say(
+        console,
+        "",
+        f"{picture}: for each object the depth image with the regions in the order they were scanned; the camera's "
+        "points before and after the correction, beside the true object and where the fingertip measured; and the "
+        "error over the scans, as the estimate expected it and as it truly was.",
         f"{report}: the same to turn and zoom, in one file.",
-        highlight=False,
-        markup=False,
     )
+
+
+def _say(console: Console, *lines: str) -> None:
+    """Prints the lines as they are: paths and addresses are never broken."""
+    for line in lines:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
