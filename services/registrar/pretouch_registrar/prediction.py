@@ -12,7 +12,7 @@ from pretouch.geometry import Array
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.engines.agreement import Problem, beam_rows, project, rotation_of
-from pretouch_registrar.engines.camera_model import KIND, OBJECT, PLANE, UNSEEN
+from pretouch_registrar.engines.camera_model import KIND, OBJECT, OTHER, PLANE, UNSEEN
 from pretouch_registrar.engines.map import curvature
 
 _TRUTHS = 2
@@ -81,7 +81,7 @@ def _cast(
             hidden = False
             if depth > 0 and i >= 0 and j >= 0 and i < pixels.shape[0] and j < pixels.shape[1]:
                 pixel = pixels[i, j]
-                hidden = pixel[KIND] == UNSEEN
+                hidden = pixel[KIND] == UNSEEN or pixel[KIND] == OTHER
                 if pixel[KIND] == OBJECT:
                     surface = pixel[PLANE] * p0 + pixel[PLANE + 1] * p1 + pixel[PLANE + 2] * p2 - pixel[PLANE + 3]
                     if -_REACH < surface <= 0:

@@ -3,8 +3,9 @@
 A correction is x = (w, d): p -> exp(w) (p - c) + c + d, c the object's centroid, base axes. A returned beam's point is
 carried back to where the camera would have put it and explained in the cheaper of two ways:
 
-- by the object: distance along the normal of the surface seen there; off the silhouette, of the nearest object pixel's
-  surface, plus the distance to that pixel within the surface;
+- by what the camera sees there: distance along that surface's normal; off the silhouette, of the nearest object
+  pixel's surface, plus the distance to that pixel within the surface; where layers lie behind each other, as at a cup's
+  rim, the front one beside it will do as well;
 - by the table: its height above it.
 
 A point below a seen part of the object has no business there, since its beam came from above: it also pays for how far
@@ -29,13 +30,17 @@ from pretouch.geometry import Array
 from pretouch.tof import Scan, Sensor
 from pretouch_registrar.engines.camera_model import (
     CELL,
+    FRONT_PLANE,
+    FRONT_POINT,
     INSIDE,
     KIND,
+    NOWHERE,
     OBJECT,
+    OTHER,
     OUTWARD,
     PLANE,
     POINT,
-    TO_OBJECT,
+    TO_SURFACE,
     TOP,
     UNSEEN,
     CameraModel,
@@ -168,6 +173,19 @@ def cell_of(x: float, y: float, z: float, footprint: NDArray[np.float32], frame:
     return a, b
 
 
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _off_surface(
+    x: float, y: float, z: float, pixel: NDArray[np.float32], plane: int, point: int
+) -> tuple[float, float, float, float, float]:
+    """Signed distance of a point from a pixel's plane; distance within the plane from its point, and its direction."""
+    surface = pixel[plane] * x + pixel[plane + 1] * y + pixel[plane + 2] * z - pixel[plane + 3]
+    e0 = x - pixel[point] - surface * pixel[plane]
+    e1 = y - pixel[point + 1] - surface * pixel[plane + 1]
+    e2 = z - pixel[point + 2] - surface * pixel[plane + 2]
+    length = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2) + 1e-12
+    return surface, length, e0 / length, e1 / length, e2 / length
+
+
 @njit(cache=True, nogil=True, fastmath=True)
 def point_residual(
     x: float, y: float, z: float, optics: Array, table: Array, noise: Array, pixels: NDArray[np.float32],
@@ -199,31 +217,36 @@ def point_residual(
             out[1 + k] = table[k] / noise[1]
         return CAP_BEHIND
     pixel = pixels[i, j]
-    surface = pixel[PLANE] * x + pixel[PLANE + 1] * y + pixel[PLANE + 2] * z - pixel[PLANE + 3]
-    edge, e0, e1, e2 = 0.0, 0.0, 0.0, 0.0
-    if pixel[TO_OBJECT] > 0:
-        e0 = x - pixel[POINT] - surface * pixel[PLANE]
-        e1 = y - pixel[POINT + 1] - surface * pixel[PLANE + 1]
-        e2 = z - pixel[POINT + 2] - surface * pixel[PLANE + 2]
-        length = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2) + 1e-12
-        edge = max(length - EDGE_SLACK_PX * depth / optics[12], 0.0) / noise[2]
-        e0, e1, e2 = e0 / length, e1 / length, e2 / length
+    slack = EDGE_SLACK_PX * depth / optics[12]
+    plane = PLANE
+    distance, length, e0, e1, e2 = _off_surface(x, y, z, pixel, PLANE, POINT)
+    surface = distance / noise[0]
+    edge = 0.0
+    if pixel[TO_SURFACE] > 0:
+        edge = max(length - slack, 0.0) / noise[2]
     kind = pixel[KIND]
     cap = CAP_FRONT
-    if below == 0 and (kind == UNSEEN or (kind == OBJECT and surface < 0)):
+    if kind == OTHER or (below == 0 and (kind == UNSEEN or (kind == OBJECT and distance < 0))):
         cap = CAP_BEHIND
-    surface /= noise[0]
-    if height * height < surface * surface + edge * edge:
+    cost = surface * surface + edge * edge
+    if cost > 4.0 and pixel[FRONT_PLANE + 3] < NOWHERE:
+        front, front_length, f0, f1, f2 = _off_surface(x, y, z, pixel, FRONT_PLANE, FRONT_POINT)
+        front /= noise[0]
+        front_edge = max(front_length - slack, 0.0) / noise[2]
+        if front * front + front_edge * front_edge < cost:
+            plane, surface, edge, e0, e1, e2 = FRONT_PLANE, front, front_edge, f0, f1, f2
+            cost = surface * surface + edge * edge
+    if height * height < cost:
         out[0] = height
         for k in range(3):
             out[1 + k] = table[k] / noise[1]
-    else:
-        out[0] = surface
-        for k in range(3):
-            out[1 + k] = pixel[PLANE + k] / noise[0]
-        if edge > 0:
-            out[4] = edge
-            out[5], out[6], out[7] = e0 / noise[2], e1 / noise[2], e2 / noise[2]
+        return cap
+    out[0] = surface
+    for k in range(3):
+        out[1 + k] = pixel[plane + k] / noise[0]
+    if edge > 0:
+        out[4] = edge
+        out[5], out[6], out[7] = e0 / noise[2], e1 / noise[2], e2 / noise[2]
     return cap
 
 

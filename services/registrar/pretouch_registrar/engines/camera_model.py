@@ -12,8 +12,8 @@ from scipy import ndimage
 from pretouch.geometry import Array
 from pretouch.scene import Scene
 
-UNSEEN, OBJECT, TABLE = 0, 1, 2
-"""Kinds of a pixel; `UNSEEN` is evidence for nothing: no depth, another object, or the object's shadow."""
+UNSEEN, OBJECT, TABLE, OTHER = 0, 1, 2, 3
+"""Kinds of a pixel: no depth, the object, the table, or something else that stands about."""
 
 _FIT_RADIUS = 0.005
 """m on the surface: half width of a plane fit; about three pixels of a Kinect at 0.9 m."""
@@ -23,8 +23,14 @@ _MAX_STEPS = 4
 """Neighbours on each side of a plane fit; wider windows are thinned out to this many."""
 
 
-PLANE, POINT, TO_OBJECT, KIND = 0, 4, 7, 8
+PLANE, POINT, FRONT_PLANE, FRONT_POINT, TO_SURFACE, KIND = 0, 4, 7, 11, 14, 15
 """Where a pixel's fields begin, see `CameraModel.pixels`."""
+NOWHERE = 1e6
+"""m: plane and point of a front layer where there is none; finite, since the kernels know no infinity."""
+_LAYER_GAP = 0.015
+"""m: a surface this far before another one that is seen right beside it is a front layer, such as a cup's near rim."""
+_LAYER_REACH = 0.008
+"""m across the view in which the two layers are looked for: a depth camera is blind for some pixels between them."""
 TOP, INSIDE, OUTWARD = 0, 1, 2
 """Where a cell's fields begin, see `CameraModel.footprint`."""
 CELL = 0.003
@@ -36,8 +42,10 @@ class CameraModel:
     """One scene's surface, in base as the camera puts it.
 
     Attributes:
-        pixels: (h, w, 9) float32. Per pixel: the plane n . p = d of the nearest object pixel's smoothed surface (n
-            towards the camera, d in m); that surface's point (3), m; distance to that pixel, px; the pixel's kind.
+        pixels: (h, w, 16) float32. Per pixel: the plane n . p = d of the surface seen there, smoothed (n towards the
+            camera, d in m), and its point (3), m; where neither the object nor something else is seen, those of the
+            nearest object pixel; plane and point of the nearest pixel of the object's front layers,
+            NOWHERE without any; distance to the pixel that the plane was taken from, px; the pixel's kind.
         footprint: (nx, ny, 4) float32, the object seen from above in cells of the table's plane. Per cell: height of
             the highest seen point above the table, m, below 0 where there is none; distance to the nearest cell
             without, m; unit vector (x, y) from here towards it.
@@ -53,23 +61,38 @@ class CameraModel:
 def build(scene: Scene) -> CameraModel:
     """The model of one scene; about 20 ms for a scene cropped around its object."""
     metres = np.ascontiguousarray(scene.depth.metres, dtype=np.float64)
-    camera = scene.camera
-    radius_px = _FIT_RADIUS * camera.fx / float(np.median(metres[scene.mask]))
-    stride = max(1, round(radius_px / _MAX_STEPS))
-    steps = max(2, round(radius_px / stride))
-    depth, normals = _fit_planes(
-        metres, scene.mask, camera.fx, camera.fy, camera.cx, camera.cy, steps, stride, _FIT_BAND
-    )
+    camera, mask = scene.camera, scene.mask
+    noise = 0.0012 + 0.0019 * (metres - 0.4) ** 2
+    near_table = np.abs(scene.table.height(scene.organised)) < 0.003 + 3 * noise
+    kind = np.select([mask, metres <= 0, near_table], [OBJECT, UNSEEN, TABLE], OTHER)
+    px_per_m = camera.fx / float(np.median(metres[mask]))
+    stride = max(1, round(_FIT_RADIUS * px_per_m / _MAX_STEPS))
+    steps = max(2, round(_FIT_RADIUS * px_per_m / stride))
+    solid = (kind == OBJECT) | (kind == OTHER)
+    depth, normals = _fit_planes(metres, solid, camera.fx, camera.fy, camera.cx, camera.cy, steps, stride, _FIT_BAND)
     points = scene.base_T_camera.apply(camera.organised(depth))
     normals = scene.base_T_camera.rotate(normals)
-    planes = np.concatenate([normals, np.einsum("ijk,ijk->ij", normals, points)[..., None], points], axis=2)
-    noise = 0.0012 + 0.0019 * (metres - 0.4) ** 2
-    table = (~scene.mask) & (metres > 0) & (np.abs(scene.table.height(scene.organised)) < 0.003 + 3 * noise)
-    distance, nearest = ndimage.distance_transform_edt(~scene.mask, return_indices=True)
-    kind = np.where(scene.mask, OBJECT, np.where(table, TABLE, UNSEEN))
-    pixels = np.concatenate([planes[nearest[0], nearest[1]], distance[..., None], kind[..., None]], axis=2)
-    footprint, frame = _footprint(scene, points[scene.mask])
-    return CameraModel(scene, np.ascontiguousarray(pixels, dtype=np.float32), footprint, frame)
+    surface = np.concatenate([normals, np.einsum("ijk,ijk->ij", normals, points)[..., None], points], axis=2)
+    distance, nearest = _nearest(mask)
+    own = kind == OTHER
+    nearest[:, own], distance[own] = np.indices(mask.shape)[:, own], 0.0
+    layers = _front_layers(metres, mask, round(_LAYER_REACH * px_per_m))
+    front = surface[tuple(_nearest(layers)[1])] if layers.any() else np.full(surface.shape, NOWHERE)
+    fields = [surface[tuple(nearest)], front, distance[..., None], kind[..., None]]
+    footprint, frame = _footprint(scene, points[mask])
+    return CameraModel(scene, np.ascontiguousarray(np.concatenate(fields, axis=2), dtype=np.float32), footprint, frame)
+
+
+def _nearest(mask: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int32]]:
+    """Distance (h, w), px, to the mask's nearest pixel, and that pixel's (v, u) (2, h, w)."""
+    distance, nearest = ndimage.distance_transform_edt(~mask, return_indices=True)
+    return distance, nearest
+
+
+def _front_layers(metres: Array, mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """(h, w) True on object pixels within `reach` pixels of others that lie behind them by more than _LAYER_GAP."""
+    farthest = ndimage.maximum_filter(np.where(mask, metres, 0.0), size=2 * reach + 1)
+    return np.asarray(mask & (farthest - metres > _LAYER_GAP))
 
 
 def _footprint(scene: Scene, points: Array) -> tuple[NDArray[np.float32], Array]:
