@@ -57,11 +57,11 @@ def run(folder: Path, seeds: int, sensor: FingerModel, out: Path) -> None:
                 result = run_frame(services, case, sensor).as_dict()
                 rows.append({"frame": frame, "object": name, "seed": case.view, "engine": engine.value, **result})
     out.mkdir(parents=True, exist_ok=True)
-    (out / "frames.json").write_text(
-        json.dumps({"sensor": sensor.value, "seeds": seeds, "rows": rows}, indent=1) + "\n"
-    )
-    (out / "frames.md").write_text(markdown(rows, seeds, sensor))
-    Console().print(markdown(rows, seeds, sensor), markup=False)
+    content = {"sensor": sensor.value, "seeds": seeds, "rows": rows}
+    (out / "frames.json").write_text(json.dumps(content, indent=1) + "\n")
+    table = markdown(rows, seeds, sensor)
+    (out / "frames.md").write_text(table)
+    print(table)
 
 
 def _cases(folder: Path, seeds: int) -> Iterator[tuple[Case, str]]:
