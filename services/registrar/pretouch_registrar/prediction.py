@@ -45,7 +45,7 @@ def predicted_information(problem: Problem, x: Array, covariance: Array, path: T
         known = ranges >= 0
         ranges[ranges > sensor.range_max] = np.nan
         scan = Scan(origins[known], directions[known], ranges[known])
-        seen = replace(problem, beams=beam_rows([scan]), prior=np.zeros(6))
+        seen = replace(problem, beams=beam_rows([scan], sensor), prior=np.zeros(6))
         total += curvature(seen, truth, covariance)
     return total / _TRUTHS
 

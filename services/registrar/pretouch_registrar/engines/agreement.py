@@ -60,6 +60,8 @@ BELOW = 0.006
 """m: a point this far below a seen part of the object is below it, whatever the noise."""
 EFFECTIVE_SAMPLES = 30.0
 """Independent samples that one scan is worth: neighbours share the model's error."""
+_PATCH = 0.009
+"""m along a scan over which the camera's error stays the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,15 +90,24 @@ class Problem:
         return self.beams, self.centroid, self.optics, self.table, self.noise, m.pixels, m.footprint, m.frame
 
 
-def beam_rows(scans: Sequence[Scan]) -> Array:
-    """The scans as `Problem.beams`; each is worth EFFECTIVE_SAMPLES independent samples at most, however long."""
+def beam_rows(scans: Sequence[Scan], sensor: Sensor) -> Array:
+    """The scans as `Problem.beams`; each is worth EFFECTIVE_SAMPLES independent samples at most, however long.
+
+    A wide beam's spots overlap, so that its samples are worth less still.
+    """
+    worth = EFFECTIVE_SAMPLES * _PATCH / (_PATCH + 2 * _spot_radius(sensor))
     rows = [np.zeros((0, 8))]
     for scan in scans:
         hit = scan.returned
         ends = scan.origins + np.where(hit, scan.ranges, 0.0)[:, None] * scan.directions
-        weight = min(1.0, EFFECTIVE_SAMPLES / max(len(scan), 1))
+        weight = min(1.0, worth / max(len(scan), 1))
         rows.append(np.column_stack([ends, scan.directions, hit, np.full(len(scan), weight)]))
     return np.ascontiguousarray(np.concatenate(rows))
+
+
+def _spot_radius(sensor: Sensor) -> float:
+    """m: radius of the beam's spot in the middle of the sensor's range."""
+    return float(0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle))
 
 
 def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Problem:
@@ -106,17 +117,17 @@ def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor
     optics = np.concatenate(
         [pose.rotation.ravel(), pose.translation, [camera.fx, camera.fy, camera.cx, camera.cy, sensor.range_max]]
     )
-    spot = 0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle) / 2
+    spot = _spot_radius(sensor)
     noise = np.array(
         [
-            np.hypot(sensor.range_std, SURFACE_STD),
-            np.hypot(sensor.range_std, 0.001),
-            np.hypot(EDGE_STD, spot),
+            np.hypot(np.hypot(sensor.range_std, SURFACE_STD), spot / 5),
+            np.hypot(np.hypot(sensor.range_std, 0.001), spot / 5),
+            np.hypot(EDGE_STD, spot / 2),
         ]
     )
     table = np.array([*scene.table.normal, scene.table.offset])
     inverse = np.array([prior.rotation_std**-2.0] * 3 + [prior.translation_std**-2.0] * 3)
-    return Problem(model, beam_rows(scans), optics, table, noise, inverse, np.array(scene.centroid))
+    return Problem(model, beam_rows(scans, sensor), optics, table, noise, inverse, np.array(scene.centroid))
 
 
 @njit(cache=True, nogil=True, fastmath=True)
