@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -21,6 +22,8 @@ from pretouch_registrar.prediction import predicted_information
 from pretouch_registrar.recent import Recent
 from pretouch_registrar.weak import weak_directions
 
+_THREADS = 2
+"""Threads that predict candidates: the kernels run without Python's lock."""
 _OBJECT_HEIGHT = 0.01
 """m: engine `paper` takes returns higher than this above the table to be the object's."""
 
@@ -77,12 +80,13 @@ def predict(scene: Scene, scans: Sequence[Scan], settings: Settings, candidates:
     present = np.linalg.inv(covariance)
     cloud = _correction(scene, x).apply(scene.cloud)
     centroid = scene.centroid + x[3:]
-    errors = []
-    for candidate in candidates:
+
+    def expected(candidate: Trajectory) -> float:
         gained = predicted_information(problem, x, covariance, candidate, settings.sensor)
-        expected, _ = point_error(np.linalg.inv(present + gained), cloud, centroid)
-        errors.append(expected)
-    return errors
+        return point_error(np.linalg.inv(present + gained), cloud, centroid)[0]
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        return list(pool.map(expected, candidates))
 
 
 def _solved(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Problem, Array, Array]:

@@ -27,7 +27,7 @@ _WIDTH = 1.0
 """Standard deviations that the differences of the curvature reach out."""
 OVERCONFIDENCE = 2.0
 """The cost's curvature divided by this is honest information; chosen for coverage on training meshes."""
-_MAX_BEAMS = 400
+_MAX_BEAMS = 320
 """Beams used to search and to take the curvature; the winner is refined on all."""
 
 
@@ -117,5 +117,5 @@ def curvature(problem: Problem, x: Array, covariance: Array) -> Array:
 
 
 _UPPER = np.triu_indices(6)
-_PAIRS = np.random.default_rng(2).standard_normal((80, 6)) * _WIDTH
+_PAIRS = np.random.default_rng(2).standard_normal((56, 6)) * _WIDTH
 _FIT = np.linalg.pinv(np.column_stack([np.ones(len(_PAIRS)), _PAIRS[:, _UPPER[0]] * _PAIRS[:, _UPPER[1]]]))
