@@ -14,7 +14,7 @@ FINGER_RADIUS = 0.010
 CLOSEST = 0.005
 """m from object or table that the tip does not come within, but for one scan in a thousand."""
 _SIGMAS = 3.0
-"""The standoff from the believed surface is kept up to this many standard deviations of the estimate."""
+"""The standoff is kept from whatever may come under the finger within this many standard deviations to a side."""
 _SAFE_SIGMAS = 4.0
 """CLOSEST is kept up to this many. Over all places of a scan at once, the table's three degrees of freedom exceed it
 upwards with at most P(chi2_3 > 16) / 2 = 0.06 %, and sideways with P(chi2_2 > 16) = 0.03 %: 0.1 % together."""
@@ -58,14 +58,15 @@ def reach_of(lateral: float) -> float:
 def lowest_tip(height_map: HeightMap, estimate: Estimate, reach: float, standoff: float) -> Array:
     """The lowest allowed height of the tip, (nx, ny), m in the table's frame, over each cell of the map.
 
-    It is at least `standoff` above the highest believed point within `reach` m plus three sigma of that point's height,
-    and at least CLOSEST above it plus four sigma.
+    It is at least `standoff` above the highest believed point within `reach` m, and at least CLOSEST above it plus four
+    standard deviations of that point's height. No more than that: what lies lower than the highest point near it must
+    stay within the sensor's range.
     """
     covariance = table_covariance(height_map.base_T_table, estimate)
     x, y = height_map.places()
     cx, cy, _ = height_map.base_T_table.inverse().apply(estimate.centroid)
     sigma = vertical_std(covariance, x - cx, y - cy)
-    tip = height_map.believed + np.maximum(standoff + _SIGMAS * sigma, CLOSEST + _SAFE_SIGMAS * sigma)
+    tip = height_map.believed + np.maximum(standoff, CLOSEST + _SAFE_SIGMAS * sigma)
     return _highest_within(tip, reach / height_map.cell)
 
 
