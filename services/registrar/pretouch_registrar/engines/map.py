@@ -19,7 +19,7 @@ from pretouch_registrar.engines.agreement import Problem, costs, normal_equation
 
 _DRAWS = 600
 _NOISE_FACTORS = (4.0, 2.0, 1.0)
-_KEPT = (10, 6, 4)
+_KEPT = (16, 12, 10)
 """Candidates refined at each noise factor."""
 _STEPS = 12
 _NARROWINGS = 4
@@ -32,7 +32,10 @@ _MAX_BEAMS = 320
 
 
 def solve(problem: Problem) -> tuple[Array, Array]:
-    """The best correction x (6,) and its covariance (6, 6), order (rotation vector, translation)."""
+    """The best correction x (6,) and its covariance (6, 6), order (rotation vector, translation).
+
+    Other corrections that agree nearly as well widen the covariance by their distance, as likely as they are.
+    """
     thin = _thinned(problem)
     candidates: Array = np.random.default_rng(0).standard_normal((_DRAWS, 6)) / np.sqrt(problem.prior)
     candidates[0] = 0.0
@@ -41,8 +44,11 @@ def solve(problem: Problem) -> tuple[Array, Array]:
         best = candidates[np.argsort(cost, kind="stable")[:kept]]
         candidates = np.array([refine(x, factor, problem.prior, *thin.arguments()) for x in best])
         cost = costs(candidates, 1.0, problem.prior, *thin.arguments())
-    x = refine(candidates[np.argmin(cost)], 1.0, problem.prior, *problem.arguments())
-    return np.asarray(x, dtype=np.float64), covariance_at(thin, x)
+    x: Array = refine(candidates[np.argmin(cost)], 1.0, problem.prior, *problem.arguments())
+    likelihood = np.exp((cost.min() - cost) / OVERCONFIDENCE)
+    apart = candidates - x
+    spread = (likelihood[:, None] * apart).T @ apart / likelihood.sum()
+    return x, covariance_at(thin, x) + spread
 
 
 def _thinned(problem: Problem) -> Problem:
