@@ -58,14 +58,12 @@ def plan_paths(
     surface = height_map(scene, _WORTHWHILE + reach + _OCCLUDERS)
     floor = lowest_tip(surface, estimate, reach + 2 * surface.cell, settings.standoff)
     shown = (scene.depth.metres > 0) & (scene.mask | (np.abs(points[..., 2]) < _TABLE_BAND))
-    paths: list[Trajectory | None] = []
-    for rectangle in rectangles:
-        ground = _ground_path(rectangle, points[..., :2], shown, surface)
-        path = None
-        if ground is not None:
-            path = _timed(_raised(ground, floor, surface), estimate.base_T_correction @ base_T_table, settings.speed)
-        paths.append(path)
-    return paths
+    base_T_map = estimate.base_T_correction @ base_T_table
+    grounds = [_ground_path(rectangle, points[..., :2], shown, surface) for rectangle in rectangles]
+    return [
+        None if ground is None else _timed(_raised(ground, floor, surface), base_T_map, settings.speed)
+        for ground in grounds
+    ]
 
 
 def _reach(body: Array, base_T_table: Pose, estimate: Estimate) -> float:
