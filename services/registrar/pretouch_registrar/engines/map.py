@@ -1,9 +1,9 @@
 """Engine `map`: damped point-to-plane registration with the calibration prior.
 
-The correction that agrees best with all samples and the prior (maximum a posteriori): many fixed draws from the prior
-are ranked on widened noise, the best are refined by Levenberg-Marquardt while the noise narrows, and the cheapest one
-wins. Its covariance is the inverse of the cost's curvature over a neighbourhood as wide as the covariance itself, so
-that edges, caps and misses count, which derivatives at a point would not see.
+The correction that agrees best with all samples and the prior (maximum a posteriori): a population of corrections drawn
+from the prior follows the cost while the noise narrows, its best members are refined by Levenberg-Marquardt, and the
+cheapest one wins. Its covariance is the inverse of the cost's curvature over a neighbourhood as wide as the covariance
+itself, so that edges, caps and misses count, which derivatives at a point would not see.
 """
 
 from __future__ import annotations
@@ -18,17 +18,21 @@ from pretouch.geometry import Array
 from pretouch_registrar.engines.agreement import Problem, costs, normal_equations, rotation_of, vector_of
 
 _DRAWS = 600
-_NOISE_FACTORS = (4.0, 2.0, 1.0)
-_KEPT = (16, 12, 10)
-"""Candidates refined at each noise factor."""
+_POPULATION = 200
+_ANNEALING = ((4.0, 1), (2.8, 1), (2.0, 1), (1.4, 2), (1.0, 2))
+"""Noise factor and Metropolis steps at it."""
+_MOVES = (0.3, 0.7, 1.0)
+_KEPT = 6
+"""Members of the last population that are refined."""
 _STEPS = 12
 _NARROWINGS = 4
 _WIDTH = 1.0
 """Standard deviations that the differences of the curvature reach out."""
 OVERCONFIDENCE = 2.0
 """The cost's curvature divided by this is honest information; chosen for coverage on training meshes."""
+_SEARCH_BEAMS = 120
 _MAX_BEAMS = 320
-"""Beams used to search and to take the curvature; the winner is refined on all."""
+"""Beams used to search, and to refine and take the curvature; the winner is refined on all."""
 
 
 def solve(problem: Problem) -> tuple[Array, Array]:
@@ -36,14 +40,10 @@ def solve(problem: Problem) -> tuple[Array, Array]:
 
     Other corrections that agree nearly as well widen the covariance by their distance, as likely as they are.
     """
-    thin = _thinned(problem)
-    candidates: Array = np.random.default_rng(0).standard_normal((_DRAWS, 6)) / np.sqrt(problem.prior)
-    candidates[0] = 0.0
-    cost = costs(candidates, _NOISE_FACTORS[0], problem.prior, *thin.arguments())
-    for factor, kept in zip(_NOISE_FACTORS, _KEPT, strict=True):
-        best = candidates[np.argsort(cost, kind="stable")[:kept]]
-        candidates = np.array([refine(x, factor, problem.prior, *thin.arguments()) for x in best])
-        cost = costs(candidates, 1.0, problem.prior, *thin.arguments())
+    thin = _thinned(problem, _MAX_BEAMS)
+    found = _search(_thinned(problem, _SEARCH_BEAMS))
+    candidates = np.array([refine(x, 1.0, problem.prior, *thin.arguments()) for x in found])
+    cost = costs(candidates, 1.0, problem.prior, *thin.arguments())
     x: Array = refine(candidates[np.argmin(cost)], 1.0, problem.prior, *problem.arguments())
     likelihood = np.exp((cost.min() - cost) / OVERCONFIDENCE)
     apart = candidates - x
@@ -51,11 +51,39 @@ def solve(problem: Problem) -> tuple[Array, Array]:
     return x, covariance_at(thin, x) + spread
 
 
-def _thinned(problem: Problem) -> Problem:
-    step = max(1, -(-len(problem.beams) // _MAX_BEAMS))
+def _thinned(problem: Problem, most: int) -> Problem:
+    step = max(1, -(-len(problem.beams) // most))
     beams = problem.beams[::step].copy()
     beams[:, 7] *= step
     return replace(problem, beams=beams)
+
+
+def _search(problem: Problem) -> Array:
+    """The best few corrections (_KEPT, 6) of a population that follows the cost from widened noise to the true one.
+
+    Annealed sequential Monte Carlo: resampled by likelihood at each noise factor, then moved by differential-evolution
+    Metropolis steps (ter Braak 2006), which take their directions from the population itself. The draws are fixed.
+    """
+    rng = np.random.default_rng(0)
+    arguments = problem.arguments()
+    xs: Array = rng.standard_normal((_DRAWS, 6)) / np.sqrt(problem.prior)
+    xs[0] = 0.0
+    for factor, moves in _ANNEALING:
+        cost = costs(xs, factor, problem.prior, *arguments)
+        likelihood = np.exp((cost.min() - cost) / OVERCONFIDENCE)
+        steps = (np.arange(_POPULATION) + rng.uniform()) / _POPULATION
+        chosen = np.searchsorted(np.cumsum(likelihood) / likelihood.sum(), steps).clip(max=len(xs) - 1)
+        xs, cost = xs[chosen], cost[chosen]
+        for _ in range(moves):
+            a, b = rng.integers(_POPULATION, size=(2, _POPULATION))
+            length = rng.choice(_MOVES, size=(_POPULATION, 1))
+            jitter = 0.05 * rng.standard_normal(xs.shape) * factor / 4 / np.sqrt(problem.prior)
+            proposed = xs + length * (xs[a] - xs[b]) + jitter
+            new_cost = costs(proposed, factor, problem.prior, *arguments)
+            accepted = np.log(rng.uniform(1e-300, 1, _POPULATION)) < (cost - new_cost) / OVERCONFIDENCE
+            xs[accepted], cost[accepted] = proposed[accepted], new_cost[accepted]
+    _, first = np.unique(xs.round(6), axis=0, return_index=True)
+    return xs[first[np.argsort(cost[first], kind="stable")[:_KEPT]]]
 
 
 @njit(cache=True, nogil=True)
