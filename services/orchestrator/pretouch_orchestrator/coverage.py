@@ -17,8 +17,6 @@ _NEAR = 0.005
 _BEAM = 0.003
 """m around a foreseen beam within which the object's points stop it."""
 _FORESEEN_POINTS = 2000
-_MISJUDGED = (1.2, 0.01)
-"""A scan touches more than foreseen by up to this factor and share: the finger meets another surface than was seen."""
 
 
 def scanned(cloud: Array, scans: Sequence[Scan]) -> NDArray[np.bool_]:
@@ -27,15 +25,13 @@ def scanned(cloud: Array, scans: Sequence[Scan]) -> NDArray[np.bool_]:
 
 
 def fraction_after(cloud: Array, scans: Sequence[Scan], path: Trajectory, sensor: Sensor) -> float:
-    """The share of `cloud` (n, 3), m, as presently corrected, that may be scanned once `path` is scanned too.
+    """The share of `cloud` (n, 3), m, as presently corrected, that would be scanned after `path` were scanned too.
 
-    The foreseen scan is that of the cloud itself by a thin beam, with an allowance for what it may touch besides.
+    The foreseen scan is that of the cloud itself by a thin beam.
     """
     points = cloud[:: max(1, len(cloud) // _FORESEEN_POINTS)]
-    before = scanned(points, scans)
-    gained = _near(points, _foreseen(points, path, sensor)) & ~before
-    factor, share = _MISJUDGED
-    return float(before.mean() + factor * gained.mean() + share)
+    after = scanned(points, scans) | _near(points, _foreseen(points, path, sensor))
+    return float(after.mean())
 
 
 def _near(cloud: Array, hits: Array) -> NDArray[np.bool_]:

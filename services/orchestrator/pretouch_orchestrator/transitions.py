@@ -17,6 +17,11 @@ from pretouch_orchestrator.coverage import fraction_after, scanned
 from pretouch_orchestrator.planner import Candidate, choose
 from pretouch_orchestrator.record import Record
 
+_MISJUDGED = 0.2
+"""Share of a foreseen scan by which the real one may touch more of the object."""
+_MOVED = 0.01
+"""Share of the object by which what earlier scans touched may change with the next correction."""
+
 
 def awaited(record: Record, scan_id: str) -> ScanPlan:
     """The plan that an answer for `scan_id` belongs to.
@@ -139,10 +144,16 @@ def ended(record: Record, state: State, error: PretouchError | None = None) -> R
 
 
 def _fits(record: Record, path: Trajectory) -> bool:
+    """Whether a scan along `path` stays within all budgets, with an allowance for what it may touch unforeseen.
+
+    The first scan gets none: of a small object it touches much, and without it nothing would be known.
+    """
     budget, spent = record.request.budget, record.budget_used
     if spent.scans + 1 > budget.scans or spent.seconds + path.duration > budget.seconds:
         return False
     after = fraction_after(_corrected_cloud(record), record.measured, path, record.request.sensor)
+    if record.scans:
+        after += _MISJUDGED * max(after - spent.fraction, 0.0) + _MOVED
     return after <= budget.fraction
 
 
