@@ -116,7 +116,7 @@ def _serve(
 
 def _up(
     host: Annotated[str, typer.Option(help="Where REST and gRPC of the orchestrator are served.")] = "127.0.0.1",
-    rest_port: Annotated[int, typer.Option(help="Port of REST and dashboard; 0 for a free one.")] = 8080,
+    rest_port: Annotated[int, typer.Option(help="Port of REST; 0 for a free one.")] = 8080,
     grpc_port: Annotated[int, typer.Option(help="Port of gRPC; 0 for a free one.")] = 50050,
     state: Annotated[
         Path | None, typer.Option(help="Directory of the sessions.", show_default="~/.local/state/pretouch")

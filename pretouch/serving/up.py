@@ -133,7 +133,8 @@ async def _start(stack: Stack, children: list[Child]) -> str:
     grpc_port = await start("orchestrator", stack.host, stack.grpc_port, own).ready()
     rest = f"http://{Settings(host=_within(stack.host)).address(rest_port)}"
     await _rest_ready(rest)
-    return f"pretouch is ready: REST and dashboard {rest}, gRPC {Settings(host=_within(stack.host)).address(grpc_port)}"
+    grpc = Settings(host=_within(stack.host)).address(grpc_port)
+    return f"pretouch is ready: REST {rest}, gRPC {grpc}, gateway {addresses['GATEWAY']}"
 
 
 async def _rest_ready(rest: str) -> None:

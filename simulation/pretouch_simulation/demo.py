@@ -8,7 +8,7 @@ from typing import Any
 
 from pretouch.client import SyncClient, drive
 from pretouch.geometry import Array
-from pretouch.session import Region, ScanPlan, Session, SessionRequest, Submission
+from pretouch.session import Budget, Region, ScanPlan, Session, SessionRequest, Submission
 from pretouch.tof import RangeSamples, Sensor
 from pretouch_simulation.finger import FingerModel, sensor_of
 from pretouch_simulation.protocol import Case
@@ -50,13 +50,15 @@ class Recording:
         return [regions[scan.region_id] for scan in self.last.scans]
 
 
-def request_for(case: Case, model: FingerModel) -> SessionRequest:
-    """What the robot asks for: everything as it comes, but for the sensor it has."""
-    return SessionRequest(case.camera, case.base_T_camera, depth_scale=1.0, sensor=sensor_of(model))
+def request_for(case: Case, model: FingerModel, budget: Budget | None = None) -> SessionRequest:
+    """What the robot asks for: everything as it comes, but for the sensor it has and the budget, if given."""
+    return SessionRequest(
+        case.camera, case.base_T_camera, depth_scale=1.0, sensor=sensor_of(model), budget=budget or Budget()
+    )
 
 
 def record(
-    client: SyncClient[Any, Any], recording: Recording, model: FingerModel, mask: bool, execute: Execute
+    client: SyncClient[Any, Any], recording: Recording, request: SessionRequest, mask: bool, execute: Execute
 ) -> Iterator[Recording]:
     """Drives a session on the recording's case to its end.
 
@@ -66,7 +68,7 @@ def record(
     Yields:
         The recording, after each step.
     """
-    case, request = recording.case, request_for(recording.case, model)
+    case = recording.case
     session = client.create_session(request, case.depth.metres, case.mask if mask else None)
 
     def scan(plan: ScanPlan) -> Submission:

@@ -10,7 +10,7 @@ from pretouch_registrar.registration import Engine
 from pretouch.client import RestClient
 from pretouch.geometry import Array, Pose
 from pretouch.session import ScanPlan, Submission
-from pretouch_simulation.demo import Execute, Recording, record
+from pretouch_simulation.demo import Execute, Recording, record, request_for
 from pretouch_simulation.finger import FingerModel, measure, sensor_of
 from pretouch_simulation.protocol import Case, generator
 from pretouch_simulation.robot import DirectRobot
@@ -44,7 +44,8 @@ def run_frame(services: Services, case: Case, model: FingerModel) -> Result:
     """Runs a REST session on `case` to its end; the seed of the finger's noise is fixed by the case."""
     recording = Recording(case.name, case)
     with RestClient(services.rest, timeout=_TIMEOUT) as client:
-        for _ in record(client, recording, model, mask=True, execute=direct_finger(case, model)):
+        finger = direct_finger(case, model)
+        for _ in record(client, recording, request_for(case, model), mask=True, execute=finger):
             pass
     last = recording.last
     return Result(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import select
@@ -11,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
@@ -20,7 +19,7 @@ from pretouch.errors import DeadlineExceeded, Unavailable
 _START_TIMEOUT = 320.0
 """s: longer than `pretouch up` itself waits, so that it can say what was missing."""
 _END_TIMEOUT = 60.0
-_READY = re.compile(rb"REST and dashboard (\S+), gRPC (\S+)")
+_READY = re.compile(rb"REST (\S+), gRPC (\S+), gateway (\S+)")
 
 
 class Services:
@@ -51,7 +50,7 @@ class Services:
         with self._stack:
             state = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="pretouch-")))
             log = state / "services.log"
-            options = ["--rest-port", "0", "--grpc-port", "0", "--state", str(state / "state"), "--log-level", "info"]
+            options = ["--rest-port", "0", "--grpc-port", "0", "--state", str(state / "state")]
             options += [part for device in self._devices for part in ("--device", device)]
             process = subprocess.Popen(
                 [sys.executable, "-m", "pretouch", "up", *options],
@@ -65,8 +64,7 @@ class Services:
             ready = _READY.search(_first_line(process, log))
             if ready is None:
                 raise Unavailable(f"The services did not start: {_last_of(log)}", "Mend what they say.")
-            self.rest, self.grpc = (part.decode() for part in ready.groups())
-            self.gateway = f"127.0.0.1:{_port_of('gateway', log)}"
+            self.rest, self.grpc, self.gateway = (part.decode() for part in ready.groups())
             self._stack = self._stack.pop_all()
         return self
 
@@ -95,13 +93,3 @@ def _first_line(process: subprocess.Popen[bytes], log: Path) -> bytes:
 
 def _last_of(log: Path) -> str:
     return log.read_bytes()[-600:].decode(errors="replace").strip() or "they said nothing."
-
-
-def _port_of(service: str, log: Path) -> int:
-    """The port that a service's log line `ready` names."""
-    for line in log.read_bytes().splitlines():
-        with suppress(ValueError):
-            fields = json.loads(line)
-            if isinstance(fields, dict) and fields.get("service") == service and fields.get("event") == "ready":
-                return int(fields["port"])
-    raise Unavailable(f"The {service} did not say where it serves.", "Look at its log.")

@@ -16,12 +16,12 @@ from rich.live import Live
 
 from pretouch.channel import open_sync_channel
 from pretouch.client import GrpcClient, RestClient, SyncClient
-from pretouch.session import GatewaySpan, ScanPlan, Submission
+from pretouch.session import Budget, GatewaySpan, ScanPlan, Submission
 from pretouch.tof import RangeSamples
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch.wire.common import samples_from_proto
-from pretouch_simulation.demo import Execute, Recording, record
+from pretouch_simulation.demo import Execute, Recording, record, request_for
 from pretouch_simulation.demo_table import live_table
 from pretouch_simulation.finger import FingerModel, sensor_of
 from pretouch_simulation.finger_link import FingerProcess
@@ -36,6 +36,8 @@ from pretouch_simulation.services import Services
 PACE = 8.0
 """How many times as fast as planned the simulated robot moves; its finger measures as much faster."""
 _TIMEOUT = 60.0
+_BUDGET = Budget(fraction=0.6)
+"""More than the default share of the object may be scanned: the demo is to show convergence."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: 
             services = stack.enter_context(Services(devices, engine_variable(engine)))
         _say(
             console,
-            f"REST and dashboard {services.rest}, gRPC {services.grpc}, gateway {services.gateway}.",
+            f"REST {services.rest}, gRPC {services.grpc}, gateway {services.gateway}.",
             "Each camera's extrinsics are wrong by up to 2 cm and 5 degrees per axis; nobody is told by how much.",
             f"The robot moves {PACE:g} times as fast as planned, and its {model} finger measures as much faster.",
         )
@@ -79,7 +81,7 @@ def _play(
 ) -> Iterator[Recording]:
     with GatewayRobot(finger, services.gateway, act.object_name, PACE) as robot, _client(act, services) as client:
         execute = _sending_samples(robot) if act.api == "REST" else _naming_spans(robot, services.gateway)
-        yield from record(client, recording, model, mask=False, execute=execute)
+        yield from record(client, recording, request_for(recording.case, model, _BUDGET), mask=False, execute=execute)
 
 
 def _client(act: Act, services: Services) -> SyncClient[Any, Any]:

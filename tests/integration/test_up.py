@@ -23,7 +23,9 @@ pytestmark = pytest.mark.timeout(600)
 READY_WITHIN = 320  # s: a first start compiles the registrar's kernels
 TIMEOUT = 60
 SERVICES = {"detector", "registrar", "gateway", "orchestrator"}
-READY = re.compile(r"^pretouch is ready: REST and dashboard (http://127\.0\.0\.1:\d+), gRPC (127\.0\.0\.1:\d+)\n$")
+READY = re.compile(
+    r"^pretouch is ready: REST (http://127\.0\.0\.1:\d+), gRPC (127\.0\.0\.1:\d+), gateway 127\.0\.0\.1:\d+\n$"
+)
 
 
 class Up:

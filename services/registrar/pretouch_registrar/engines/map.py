@@ -25,7 +25,7 @@ _MOVES = (0.3, 0.7, 1.0)
 _KEPT = 6
 """Members of the last population that are refined."""
 _STEPS = 12
-_NARROWINGS = 4
+_NARROWINGS = 3
 _WIDTH = 1.0
 """Standard deviations that the differences of the curvature reach out."""
 OVERCONFIDENCE = 2.0
@@ -122,12 +122,19 @@ def refine(
 def covariance_at(problem: Problem, x: Array) -> Array:
     """The covariance (6, 6) that the cost's curvature at x (6,) stands for, at the scale of that covariance.
 
-    From the prior's width inwards: a narrow start would take the roughness of the cost for curvature.
+    From twice the width that the derivatives at x give: wider, the saturated cost would look flat; narrower, its
+    roughness would look like curvature.
     """
-    covariance = np.diag(1.0 / problem.prior)
+    prior = np.diag(problem.prior)
+    information, _, _ = normal_equations(x, 1.0, problem.prior, *problem.arguments())
+    covariance = _inverse((information - prior) / (4 * OVERCONFIDENCE) + prior)
     for _ in range(_NARROWINGS):
-        covariance = np.asarray(np.linalg.inv(curvature(problem, x, covariance)), dtype=np.float64)
+        covariance = _inverse(curvature(problem, x, covariance))
     return covariance
+
+
+def _inverse(matrix: Array) -> Array:
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 def curvature(problem: Problem, x: Array, covariance: Array) -> Array:
@@ -146,7 +153,7 @@ def curvature(problem: Problem, x: Array, covariance: Array) -> Array:
     hessian = hessian + hessian.T
     values, turn = np.linalg.eigh(hessian)
     hessian = (turn * np.maximum(values, 0.0)) @ turn.T / OVERCONFIDENCE
-    whiten = np.linalg.inv(root)
+    whiten = _inverse(root)
     return np.asarray(whiten.T @ hessian @ whiten + np.diag(problem.prior), dtype=np.float64)
 
 
