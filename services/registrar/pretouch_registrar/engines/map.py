@@ -143,7 +143,7 @@ def curvature(problem: Problem, x: Array, covariance: Array) -> Array:
     Least squares over fixed antithetic draws in whitened coordinates, so that odd terms cancel and the roughness of the
     cost averages out; no direction is given less than the prior's information.
     """
-    root = np.linalg.cholesky(covariance)
+    root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
     spread = _PAIRS @ root.T
     cost = costs(np.concatenate([x + spread, x - spread]), 1.0, np.zeros(6), *problem.arguments())
     even = 0.5 * (cost[: len(spread)] + cost[len(spread) :])
