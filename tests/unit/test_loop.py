@@ -3,113 +3,39 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from loop_fakes import (
+    CORRECTION,
+    DEPTH,
+    MASK,
+    FormulaRegistrar,
+    RandomDetector,
+    answer,
+    asked,
+    misses,
+    opened,
+    samples_of,
+)
 from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.ports import ProposedRegion
 from pretouch_orchestrator.record import Record
-from scenes import Box, View, World
 
 from pretouch.errors import Conflict, Internal, InvalidInput, NotFound, Unavailable
-from pretouch.estimate import Estimate, Prior, from_prior, point_error
-from pretouch.geometry import Plane, Pose
-from pretouch.rectangle import RotatedRectangle
-from pretouch.scene import Scene
+from pretouch.estimate import Prior, point_error
+from pretouch.geometry import Pose
 from pretouch.session import (
     Budget,
     Planner,
     Points,
     Proposer,
-    ScanSettings,
     SessionRequest,
     Skipped,
     State,
     Tolerance,
 )
-from pretouch.tof import RangeSamples, Scan, Sensor
-from pretouch.trajectory import Trajectory
-
-WORLD = World((Box.standing((0.09, 0.07, 0.05), (0.01, 0.0), 0.4), Box.standing((0.04, 0.04, 0.03), (0.0, 0.15))))
-CORRECTION = Pose.from_rotation_vector((0.01, -0.02, 0.03), (0.008, -0.006, 0.01))
-TRUTH = WORLD.moved(CORRECTION)
-VIEW = View()
-DEPTH, MASK = WORLD.depth(VIEW)
-TABLE = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
-
-
-class RandomDetector:
-    """Rectangles about the object, confidences falling; `count` of them."""
-
-    def __init__(self, count: int = 8) -> None:
-        self.count = count
-        self.scene: Scene | None = None
-
-    async def propose(
-        self, scene: Scene, proposer: Proposer | None, sensor: Sensor, seed: int
-    ) -> tuple[Proposer, list[ProposedRegion]]:
-        self.scene = scene
-        rng = np.random.default_rng(seed)
-        u0, v0, u1, v1 = scene.bounds()
-        regions = []
-        for k in range(self.count):
-            x, y = rng.uniform((u0, v0), (u1, v1))
-            w, h = rng.uniform(0.4, 0.9, 2) * (u1 - u0, v1 - v0)
-            regions.append(ProposedRegion(RotatedRectangle(x, y, w, h, rng.uniform(-1.5, 1.5)), 1 - k / 100))
-        return proposer or Proposer.RANDOM, regions
-
-
-class FormulaRegistrar:
-    """Knows the correction; each return shrinks the prior's deviations, and long paths are predicted to tell more."""
-
-    def __init__(self, gain: float = 0.05) -> None:
-        self.gain = gain
-        self.down = False
-
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
-        if self.down:
-            raise Unavailable("The registrar is away.", "Wait.")
-        returns = sum(int(scan.returned.sum()) for scan in scans)
-        if returns == 0:
-            return from_prior(prior, scene.cloud)
-        covariance = prior.covariance() / (1 + self.gain * returns) ** 2
-        about = Pose.of(CORRECTION.rotation, CORRECTION.translation)
-        expected, quantile = point_error(covariance, about.apply(scene.cloud), about.apply(scene.centroid))
-        return Estimate(about, scene.centroid, covariance, expected, float(quantile[0]), samples=returns)
-
-    async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
-    ) -> list[float]:
-        present = (await self.register(scene, scans, prior, sensor)).expected_error
-        return [present / (1 + path.length) for path in candidates]
-
-
-def asked(**changes: object) -> SessionRequest:
-    return replace(SessionRequest(VIEW.camera, VIEW.base_T_camera, table=TABLE), **changes)
-
-
-def opened(loop: Loop, request: SessionRequest) -> Record:
-    return asyncio.run(loop.open("s", 0.0, request, DEPTH, MASK))
-
-
-def answer(loop: Loop, record: Record, submission: RangeSamples | Points | Skipped) -> Record:
-    assert record.next_scan is not None
-    return asyncio.run(loop.advance(record, record.next_scan.scan_id, submission))
-
-
-def samples_of(record: Record) -> RangeSamples:
-    assert record.next_scan is not None
-    return TRUTH.scanned(record.next_scan.path, record.request.sensor)
-
-
-def misses(n: int, span: float = 1.0) -> RangeSamples:
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    return RangeSamples(np.linspace(0, span, n), poses, np.full(n, np.nan), np.full(n, 7), np.zeros(n, dtype=int))
+from pretouch.tof import RangeSamples
 
 
 def run(loop: Loop, request: SessionRequest) -> Record:
@@ -326,99 +252,3 @@ def test_the_same_request_gives_the_same_session() -> None:
     assert [scan.region_id for scan in a.scans] == [scan.region_id for scan in b.scans]
     assert a.estimate.expected_error == b.estimate.expected_error
     assert a.budget_used == b.budget_used
-
-
-class SessionMachine(RuleBasedStateMachine):
-    """Any order of submissions, repetitions, skips, nonsense and cancelling."""
-
-    @initialize(
-        scans=st.integers(1, 4),
-        seconds=st.floats(1, 40),
-        fraction=st.floats(0.1, 0.6),
-        planner=st.sampled_from(Planner),
-        gain=st.sampled_from([1e-4, 0.005]),
-    )
-    def open(self, scans: int, seconds: float, fraction: float, planner: Planner, gain: float) -> None:
-        self.loop = Loop(RandomDetector(6), FormulaRegistrar(gain))
-        budget = Budget(scans, seconds, fraction)
-        self.record = opened(self.loop, asked(budget=budget, planner=planner, scan=ScanSettings(0.03, 0.1)))
-        self.planned: list[str] = []
-        self.ended: Record | None = None
-        self.note()
-
-    def note(self) -> None:
-        if self.record.next_scan is not None:
-            self.planned.append(self.record.next_scan.region_id)
-
-    def step(self, submission: RangeSamples | Points | Skipped) -> None:
-        self.record = answer(self.loop, self.record, submission)
-        self.note()
-
-    @precondition(lambda self: self.record.next_scan is not None)
-    @rule()
-    def scan(self) -> None:
-        self.step(samples_of(self.record))
-
-    @precondition(lambda self: self.record.next_scan is not None)
-    @rule()
-    def miss(self) -> None:
-        self.step(misses(3, span=0.1))
-
-    @precondition(lambda self: self.record.next_scan is not None)
-    @rule()
-    def skip(self) -> None:
-        self.step(Skipped())
-
-    @precondition(lambda self: self.record.next_scan is not None)
-    @rule()
-    def send_nothing(self) -> None:
-        with pytest.raises(InvalidInput):
-            answer(self.loop, self.record, misses(0))
-
-    @precondition(lambda self: self.record.answered)
-    @rule(data=st.data())
-    def repeat(self, data: st.DataObject) -> None:
-        scan_id = data.draw(st.sampled_from(self.record.answered))
-        assert asyncio.run(self.loop.advance(self.record, scan_id, misses(3))) is self.record
-
-    @rule()
-    def invent(self) -> None:
-        with pytest.raises((NotFound, Conflict)):
-            asyncio.run(self.loop.advance(self.record, "scan-99", misses(3)))
-
-    @rule(chance=st.integers(0, 5))
-    def cancel(self, chance: int) -> None:
-        if chance == 0:
-            self.record = self.loop.cancel(self.record)
-
-    @invariant()
-    def an_end_is_final(self) -> None:
-        assert self.record.state.ended == (self.record.next_scan is None)
-        if self.ended is not None:
-            assert self.record is self.ended
-        elif self.record.state.ended:
-            self.ended = self.record
-
-    @invariant()
-    def budgets_hold(self) -> None:
-        budget, spent = self.record.request.budget, self.record.budget_used
-        assert spent.scans <= budget.scans
-        assert spent.seconds <= budget.seconds
-        assert spent.fraction <= budget.fraction + 0.05
-
-    @invariant()
-    def no_region_is_planned_twice(self) -> None:
-        assert len(set(self.planned)) == len(self.planned)
-
-    @invariant()
-    def books_balance(self) -> None:
-        record = self.record
-        assert record.budget_used.scans == len(record.scans) == len(record.measured)
-        assert len(record.answered) == len(set(record.answered)) == len(record.scans) + len(record.skipped)
-        assert all(region.expected_error > 0 for region in record.regions)
-
-
-TestSessionMachine = SessionMachine.TestCase
-TestSessionMachine.settings = settings(
-    max_examples=12, stateful_step_count=8, deadline=None, suppress_health_check=[HealthCheck.too_slow]
-)

@@ -1,0 +1,101 @@
+"""A session's world in memory: services that answer by formula, and a finger that scans the true boxes.
+
+Helper of `test_loop*.py`; see `fake_upstream.py` for fakes behind gRPC.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from pretouch_orchestrator.loop import Loop
+from pretouch_orchestrator.ports import ProposedRegion
+from pretouch_orchestrator.record import Record
+from scenes import Box, View, World
+
+from pretouch.errors import Unavailable
+from pretouch.estimate import Estimate, Prior, from_prior, point_error
+from pretouch.geometry import Plane, Pose
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch.session import Points, Proposer, SessionRequest, Skipped
+from pretouch.tof import RangeSamples, Scan, Sensor
+from pretouch.trajectory import Trajectory
+
+WORLD = World((Box.standing((0.09, 0.07, 0.05), (0.01, 0.0), 0.4), Box.standing((0.04, 0.04, 0.03), (0.0, 0.15))))
+CORRECTION = Pose.from_rotation_vector((0.01, -0.02, 0.03), (0.008, -0.006, 0.01))
+TRUTH = WORLD.moved(CORRECTION)
+VIEW = View()
+DEPTH, MASK = WORLD.depth(VIEW)
+TABLE = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+
+
+class RandomDetector:
+    """Rectangles about the object, confidences falling; `count` of them."""
+
+    def __init__(self, count: int = 8) -> None:
+        self.count = count
+        self.scene: Scene | None = None
+
+    async def propose(
+        self, scene: Scene, proposer: Proposer | None, sensor: Sensor, seed: int
+    ) -> tuple[Proposer, list[ProposedRegion]]:
+        self.scene = scene
+        rng = np.random.default_rng(seed)
+        u0, v0, u1, v1 = scene.bounds()
+        regions = []
+        for k in range(self.count):
+            x, y = rng.uniform((u0, v0), (u1, v1))
+            w, h = rng.uniform(0.4, 0.9, 2) * (u1 - u0, v1 - v0)
+            regions.append(ProposedRegion(RotatedRectangle(x, y, w, h, rng.uniform(-1.5, 1.5)), 1 - k / 100))
+        return proposer or Proposer.RANDOM, regions
+
+
+class FormulaRegistrar:
+    """Knows the correction; each return shrinks the prior's deviations, and long paths are predicted to tell more."""
+
+    def __init__(self, gain: float = 0.05) -> None:
+        self.gain = gain
+        self.down = False
+
+    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+        if self.down:
+            raise Unavailable("The registrar is away.", "Wait.")
+        returns = sum(int(scan.returned.sum()) for scan in scans)
+        if returns == 0:
+            return from_prior(prior, scene.cloud)
+        covariance = prior.covariance() / (1 + self.gain * returns) ** 2
+        about = Pose.of(CORRECTION.rotation, CORRECTION.translation)
+        expected, quantile = point_error(covariance, about.apply(scene.cloud), about.apply(scene.centroid))
+        return Estimate(about, scene.centroid, covariance, expected, float(quantile[0]), samples=returns)
+
+    async def predict(
+        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
+    ) -> list[float]:
+        present = (await self.register(scene, scans, prior, sensor)).expected_error
+        return [present / (1 + path.length) for path in candidates]
+
+
+def asked(**changes: object) -> SessionRequest:
+    return replace(SessionRequest(VIEW.camera, VIEW.base_T_camera, table=TABLE), **changes)
+
+
+def opened(loop: Loop, request: SessionRequest) -> Record:
+    return asyncio.run(loop.open("s", 0.0, request, DEPTH, MASK))
+
+
+def answer(loop: Loop, record: Record, submission: RangeSamples | Points | Skipped) -> Record:
+    assert record.next_scan is not None
+    return asyncio.run(loop.advance(record, record.next_scan.scan_id, submission))
+
+
+def samples_of(record: Record) -> RangeSamples:
+    assert record.next_scan is not None
+    return TRUTH.scanned(record.next_scan.path, record.request.sensor)
+
+
+def misses(n: int, span: float = 1.0) -> RangeSamples:
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    return RangeSamples(np.linspace(0, span, n), poses, np.full(n, np.nan), np.full(n, 7), np.zeros(n, dtype=int))
