@@ -1,0 +1,61 @@
+"""The README's examples work as printed, against all four services."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from pretouch_simulation.services import Services
+from scenes import KINECT, Box, View, World
+
+from pretouch.geometry import Pose
+
+pytestmark = pytest.mark.timeout(600)
+README = (Path(__file__).resolve().parents[2] / "README.md").read_text()
+CAMERA = Pose.from_quaternion([-0.6, 0.0, 0.6], [-0.653, 0.653, -0.271, 0.271])
+
+
+def example(language: str, containing: str) -> str:
+    blocks = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    return next(block for block in blocks if containing in block)
+
+
+@pytest.fixture(scope="module")
+def services() -> Iterator[Services]:
+    with Services() as running:
+        yield running
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with `depth.png`: a box on a table, in millimetres, from where the README's camera stands."""
+    view = View(CAMERA, KINECT.camera, KINECT.width, KINECT.height)
+    depth, _ = World((Box.standing((0.10, 0.07, 0.06), yaw=0.3),)).depth(view, np.random.default_rng(0))
+    Image.fromarray(np.round(1000 * depth.metres).astype(np.uint16)).save(tmp_path / "depth.png")
+    return tmp_path
+
+
+def test_the_python_example_runs_to_an_end(services: Services, folder: Path) -> None:
+    code = example("python", "RestClient").replace("http://127.0.0.1:8080", services.rest)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^(converged|exhausted) [\d.]+ mm expected$", done.stdout, re.MULTILINE), done.stdout
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
+def test_the_curl_example_opens_a_session(services: Services, folder: Path) -> None:
+    command = example("sh", "curl").replace("http://127.0.0.1:8080", services.rest)
+    done = subprocess.run(["sh", "-c", command], cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    session = json.loads(done.stdout)
+    assert session["state"] == "awaiting_scan", session
+    assert session["next_scan"]["waypoints"]
