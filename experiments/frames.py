@@ -1,6 +1,6 @@
 """Sessions on real depth frames, by the paper's engine and by ours: a table of the errors before and after.
 
-    python experiments/frames.py [--frames DIR] [--seeds 3] [--out experiments/results]
+    python experiments/frames.py [--frames DIR] [--seeds 3] [--out docs/results]
 
 Every frame of DIR, every object in it with more than 1000 pixels of depth, `--seeds` hidden calibration errors each,
 through running services. DIR is data/real_depth/ycb_video of PRETOUCH_SHARED unless given.
@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--frames", type=Path, default=SHARED / "data" / "real_depth" / "ycb_video")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--sensor", type=FingerModel, choices=list(FingerModel), default=FingerModel.IDEAL)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results")
+    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[1] / "docs" / "results")
     arguments = parser.parse_args()
     try:
         run(arguments.frames, arguments.seeds, arguments.sensor, arguments.out)
