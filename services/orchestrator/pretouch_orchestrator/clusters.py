@@ -12,6 +12,8 @@ from pretouch_orchestrator.table import depth_std
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 _MIN_SUPPORT = 3
 """A pixel that fewer of its eight neighbours stand by is a flying one."""
+_SPECK = 4e-4
+"""m^2 facing the camera: less than 2 cm x 2 cm that no surface beside it holds up is not believed."""
 
 
 def depth_jump(z: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -57,3 +59,12 @@ def clusters(depth: NDArray[np.float32], pixels: NDArray[np.bool_]) -> NDArray[n
     labels = np.zeros(depth.size, dtype=np.intp)
     labels[members] = rank[parts]
     return labels.reshape(depth.shape)
+
+
+def specks(depth: NDArray[np.float32], focal: float) -> NDArray[np.bool_]:
+    """(h, w) True on clusters too small to stand there: what a depth camera makes up in mid-air; `focal` in px."""
+    labels = clusters(depth, depth > 0)
+    area = np.bincount(labels.ravel(), weights=(np.square(depth, dtype=np.float64) / focal**2).ravel())
+    small = area < _SPECK
+    small[0] = False
+    return np.asarray(small[labels], dtype=bool)

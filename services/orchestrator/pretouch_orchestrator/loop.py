@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import zlib
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from pretouch.scene import Scene
 from pretouch.session import Points, Region, ScanPlan, SessionRequest, Skipped, State
 from pretouch.tof import RangeSamples
 from pretouch.trajectory import Trajectory
+from pretouch_orchestrator.clusters import specks
 from pretouch_orchestrator.path import plan_paths
 from pretouch_orchestrator.ports import Detector, Registrar
 from pretouch_orchestrator.record import Record
@@ -117,10 +119,15 @@ class Loop:
 
 
 def _view(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None) -> tuple[Scene, tuple[int, int]]:
-    """The part of the client's view that matters, and its first pixel (u0, v0)."""
-    scene = find_object(depth, request.camera, request.base_T_camera, request.roi, mask, request.table)
+    """The part of the client's view that matters, without specks in mid-air, and its first pixel (u0, v0)."""
+    whole = find_object(depth, request.camera, request.base_T_camera, request.roi, mask, request.table)
     prior = request.prior
-    return scene.cropped(_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * scene.radius)))
+    scene, origin = whole.cropped(
+        _MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))
+    )
+    metres = scene.depth.metres
+    believed = np.where(specks(metres, scene.camera.fx) & ~scene.mask, 0, metres)
+    return replace(scene, depth=DepthImage(believed)), origin
 
 
 def _paths(record: Record) -> dict[str, Trajectory]:
