@@ -10,8 +10,8 @@ import numpy as np
 from pretouch.session import Planner, Region
 from pretouch.trajectory import Trajectory
 
-_ALIKE = 1e-4
-"""m: expected errors that differ by less count as the same; then the gain per robot second decides."""
+_COMPARED = 8
+"""Candidates, those that would tell most, whose costs are compared: a scan's cost takes milliseconds to foresee."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,30 +23,25 @@ class Candidate:
 
 
 def choose(
-    candidates: Sequence[Candidate], planner: Planner, present_error: float, fits: Callable[[Candidate], bool]
+    candidates: Sequence[Candidate], planner: Planner, present_error: float, share: Callable[[Candidate], float]
 ) -> Candidate | None:
     """The best candidate that fits the budget; None when none does.
 
-    `information`: the least predicted expected error. `confidence`: the proposer's order.
+    `information`: the fastest fall of the expected error, as a logarithm, for its share of the budget: what is left
+    must last until the tolerance is met. `confidence`: the proposer's order.
 
     Args:
         present_error: m, the estimate's expected error without another scan.
+        share: what part of what is left of its scarcest budget a candidate's scan would use; above 1 it does not fit.
     """
-    order = _by_confidence if planner is Planner.CONFIDENCE else _by_information(candidates, present_error)
-    return next((candidate for candidate in sorted(candidates, key=order) if fits(candidate)), None)
-
-
-def _by_confidence(candidate: Candidate) -> tuple[float, float]:
-    return -candidate.region.confidence, 0.0
-
-
-def _by_information(
-    candidates: Sequence[Candidate], present_error: float
-) -> Callable[[Candidate], tuple[float, float]]:
-    least = min((candidate.region.expected_error for candidate in candidates), default=0.0)
-
-    def order(candidate: Candidate) -> tuple[float, float]:
-        error = candidate.region.expected_error
-        return float(np.floor((error - least) / _ALIKE)), -(present_error - error) / candidate.path.duration
-
-    return order
+    if planner is Planner.CONFIDENCE:
+        order = sorted(candidates, key=lambda candidate: -candidate.region.confidence)
+        return next((candidate for candidate in order if share(candidate) <= 1), None)
+    order = sorted(candidates, key=lambda candidate: candidate.region.expected_error)
+    best, best_rate = None, -np.inf
+    for candidate in order[:_COMPARED]:
+        part = share(candidate)
+        rate = float(np.log(present_error / candidate.region.expected_error)) / part
+        if part <= 1 and rate > best_rate:
+            best, best_rate = candidate, rate
+    return best or next((candidate for candidate in order[_COMPARED:] if share(candidate) <= 1), None)

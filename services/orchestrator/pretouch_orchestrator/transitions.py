@@ -129,7 +129,7 @@ def planned(record: Record, paths: Mapping[str, Trajectory], expected_errors: Se
     regions = tuple(replace(region, expected_error=predicted.get(region.id, present)) for region in record.regions)
     record = replace(record, regions=regions)
     candidates = [Candidate(region, paths[region.id]) for region in regions if region.id in paths]
-    best = choose(candidates, record.request.planner, present, lambda candidate: _fits(record, candidate.path))
+    best = choose(candidates, record.request.planner, present, lambda candidate: _share(record, candidate.path))
     if best is None:
         return ended(record, State.EXHAUSTED)
     scan_id = f"scan-{len(record.answered) + 1}"
@@ -143,18 +143,21 @@ def ended(record: Record, state: State, error: PretouchError | None = None) -> R
     return replace(record, state=state, next_scan=None, reason=None if error is None else problem(error))
 
 
-def _fits(record: Record, path: Trajectory) -> bool:
-    """Whether a scan along `path` stays within all budgets, with an allowance for what it may touch unforeseen.
+def _share(record: Record, path: Trajectory) -> float:
+    """What part of what is left of the scarcest budget a scan along `path` would use; above 1 it does not fit.
 
-    The first scan gets none: of a small object it touches much, and without it nothing would be known.
+    With an allowance for what it may touch unforeseen, but for the first scan: of a small object that touches much,
+    and without it nothing would be known.
     """
     budget, spent = record.request.budget, record.budget_used
-    if spent.scans + 1 > budget.scans or spent.seconds + path.duration > budget.seconds:
-        return False
     after = fraction_after(_corrected_cloud(record), record.measured, path, record.request.sensor)
     if record.scans:
         after += _MISJUDGED * max(after - spent.fraction, 0.0) + _MOVED
-    return after <= budget.fraction
+    return max(
+        1 / max(budget.scans - spent.scans, 1e-9),
+        path.duration / max(budget.seconds - spent.seconds, 1e-9),
+        max(after - spent.fraction, 0.0) / max(budget.fraction - spent.fraction, 1e-9),
+    )
 
 
 def _corrected_cloud(record: Record) -> Array:
