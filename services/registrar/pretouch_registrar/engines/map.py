@@ -29,7 +29,8 @@ _NARROWINGS = 3
 _WIDTH = 1.0
 """Standard deviations that the differences of the curvature reach out."""
 OVERCONFIDENCE = 2.0
-"""The cost's curvature divided by this is honest information; chosen for coverage on training meshes."""
+"""The cost's curvature divided by this is honest information; chosen for coverage on training meshes. For the same reason
+the prior counts this many times when distant corrections are compared."""
 _SEARCH_BEAMS = 120
 _MAX_BEAMS = 320
 """Beams used to search, and to refine and take the curvature; the winner is refined on all."""
@@ -43,7 +44,7 @@ def solve(problem: Problem) -> tuple[Array, Array]:
     thin = _thinned(problem, _MAX_BEAMS)
     found = _search(_thinned(problem, _SEARCH_BEAMS))
     candidates = np.array([refine(x, 1.0, problem.prior, *thin.arguments()) for x in found])
-    cost = costs(candidates, 1.0, problem.prior, *thin.arguments())
+    cost = costs(candidates, 1.0, OVERCONFIDENCE * problem.prior, *thin.arguments())
     x: Array = refine(candidates[np.argmin(cost)], 1.0, problem.prior, *problem.arguments())
     likelihood = np.exp((cost.min() - cost) / OVERCONFIDENCE)
     apart = candidates - x
@@ -69,7 +70,7 @@ def _search(problem: Problem) -> Array:
     xs: Array = rng.standard_normal((_DRAWS, 6)) / np.sqrt(problem.prior)
     xs[0] = 0.0
     for factor, moves in _ANNEALING:
-        cost = costs(xs, factor, problem.prior, *arguments)
+        cost = costs(xs, factor, OVERCONFIDENCE * problem.prior, *arguments)
         likelihood = np.exp((cost.min() - cost) / OVERCONFIDENCE)
         steps = (np.arange(_POPULATION) + rng.uniform()) / _POPULATION
         chosen = np.searchsorted(np.cumsum(likelihood) / likelihood.sum(), steps).clip(max=len(xs) - 1)
@@ -79,7 +80,7 @@ def _search(problem: Problem) -> Array:
             length = rng.choice(_MOVES, size=(_POPULATION, 1))
             jitter = 0.05 * rng.standard_normal(xs.shape) * factor / 4 / np.sqrt(problem.prior)
             proposed = xs + length * (xs[a] - xs[b]) + jitter
-            new_cost = costs(proposed, factor, problem.prior, *arguments)
+            new_cost = costs(proposed, factor, OVERCONFIDENCE * problem.prior, *arguments)
             accepted = np.log(rng.uniform(1e-300, 1, _POPULATION)) < (cost - new_cost) / OVERCONFIDENCE
             xs[accepted], cost[accepted] = proposed[accepted], new_cost[accepted]
     _, first = np.unique(xs.round(6), axis=0, return_index=True)
