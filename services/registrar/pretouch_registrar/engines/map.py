@@ -29,8 +29,8 @@ _NARROWINGS = 3
 _WIDTH = 1.0
 """Standard deviations that the differences of the curvature reach out."""
 OVERCONFIDENCE = 2.0
-"""The cost's curvature divided by this is honest information; chosen for coverage on training meshes. For the same reason
-the prior counts this many times when distant corrections are compared."""
+"""The cost's curvature divided by this is honest information; chosen for coverage on training meshes. For the same
+reason the prior counts this many times when distant corrections are compared."""
 _SEARCH_BEAMS = 120
 _MAX_BEAMS = 320
 """Beams used to search, and to refine and take the curvature; the winner is refined on all."""
