@@ -74,6 +74,13 @@ class Trajectory:
             turns[k] = vector_from_rotation(steps[k])
         return turns
 
+    def beginning(self, share: float) -> Trajectory:
+        """The first `share`, in (0, 1], of its duration."""
+        end = self.t[0] + share * self.duration
+        before = self.t < end - 1e-9
+        times = np.append(self.t[before], end) if share < 1 else self.t
+        return Trajectory(times, self.at(times))
+
     def sampled(self, rate: float) -> Trajectory:
         """The same path with a waypoint every 1 / `rate` seconds from its start."""
         times = self.t[0] + np.arange(int(np.floor(self.duration * rate + 1e-9)) + 1) / rate

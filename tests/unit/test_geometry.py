@@ -17,6 +17,7 @@ from pretouch.geometry import (
     vector_from_rotation,
 )
 from pretouch.rectangle import RotatedRectangle
+from pretouch.trajectory import Trajectory
 
 vectors = arrays(np.float64, 3, elements=st.floats(-2, 2, allow_subnormal=False))
 poses = st.builds(Pose.from_rotation_vector, vectors, vectors)
@@ -100,3 +101,12 @@ def test_a_rectangles_perimeter_lies_on_the_rectangle(rectangle: RotatedRectangl
 def test_half_a_turn_leaves_a_rectangle_as_it_is(rectangle: RotatedRectangle) -> None:
     turned = RotatedRectangle(rectangle.x, rectangle.y, rectangle.w, rectangle.h, rectangle.theta + np.pi)
     np.testing.assert_allclose(np.abs(turned.distance(rectangle.corners())), 0, atol=1e-6)
+
+
+@given(st.lists(poses, min_size=2, max_size=6), st.floats(0.05, 1))
+def test_the_beginning_of_a_path_is_the_same_path_up_to_there(some: list[Pose], share: float) -> None:
+    path = Trajectory(np.arange(len(some)) * 0.5, np.stack([pose.matrix for pose in some]))
+    first = path.beginning(share)
+    assert first.duration == pytest.approx(share * path.duration)
+    times = np.linspace(0, first.t[-1], 7)
+    np.testing.assert_allclose(first.at(times)[:, :3, 3], path.at(times)[:, :3, 3], atol=1e-6)

@@ -22,6 +22,7 @@ from pretouch_orchestrator.ports import Detector, Registrar
 from pretouch_orchestrator.record import Record
 from pretouch_orchestrator.segmentation import find_object
 from pretouch_orchestrator.transitions import (
+    affordable,
     awaited,
     ended,
     has_converged,
@@ -108,14 +109,14 @@ class Loop:
         """Ends the session or plans its next scan."""
         if has_converged(record):
             return ended(record, State.CONVERGED)
-        paths = await asyncio.to_thread(_paths, record)
-        if not paths:
+        candidates = await asyncio.to_thread(_candidates, record)
+        if not candidates:
             return ended(record, State.EXHAUSTED)
         request = record.request
         expected_errors = await self._registrar.predict(
-            record.scene, record.measured, request.prior, request.sensor, list(paths.values())
+            record.scene, record.measured, request.prior, request.sensor, [path for _, path, _ in candidates]
         )
-        return await asyncio.to_thread(planned, record, paths, expected_errors)
+        return planned(record, candidates, expected_errors)
 
 
 def _view(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None) -> tuple[Scene, tuple[int, int]]:
@@ -130,10 +131,12 @@ def _view(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | 
     return replace(scene, depth=DepthImage(believed)), origin
 
 
-def _paths(record: Record) -> dict[str, Trajectory]:
-    """The paths of the open regions whose perimeter comes over the object, by region id."""
+def _candidates(record: Record) -> list[tuple[str, Trajectory, float]]:
+    """The open regions whose perimeter comes over the object: id, affordable path and its share of the budget."""
     regions = open_regions(record)
     u0, v0 = record.origin
     rectangles = [region.rectangle.shifted(-u0, -v0) for region in regions]
     paths = plan_paths(record.scene, rectangles, record.estimate, record.request.scan) if regions else []
-    return {region.id: path for region, path in zip(regions, paths, strict=True) if path is not None}
+    return affordable(
+        record, {region.id: path for region, path in zip(regions, paths, strict=True) if path is not None}
+    )

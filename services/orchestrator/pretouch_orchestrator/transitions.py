@@ -13,12 +13,14 @@ from pretouch.geometry import Array
 from pretouch.session import Points, Region, ScanPlan, ScanSummary, State
 from pretouch.tof import RangeSamples, Scan
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.coverage import fraction_after, scanned
+from pretouch_orchestrator.coverage import Foresight, scanned
 from pretouch_orchestrator.planner import Candidate, choose
 from pretouch_orchestrator.record import Record
 
 _MISJUDGED = 0.2
 """Share of a foreseen scan by which the real one may touch more of the object."""
+_PARTS = (1.0, 0.5, 0.25)
+"""How much of a region's path is scanned where the budget does not last for all of it."""
 _MOVED = 0.01
 """Share of the object by which what earlier scans touched may change with the next correction."""
 
@@ -116,20 +118,55 @@ def open_regions(record: Record) -> tuple[Region, ...]:
     return tuple(region for region in record.regions if region.id not in closed)
 
 
-def planned(record: Record, paths: Mapping[str, Trajectory], expected_errors: Sequence[float]) -> Record:
-    """With each region's expected error brought up to date, and the next scan; exhausted if none fits the budget.
+def affordable(record: Record, paths: Mapping[str, Trajectory]) -> list[tuple[str, Trajectory, float]]:
+    """Each of `paths`, by region id, as far along as the budget lets, with its share of the budget that is left.
+
+    The share is that of the scarcest budget. Foreseen scans get an allowance for what they may touch unforeseen, but
+    not the first one: of a small object it touches much, and without it nothing would be known.
+    """
+    if not paths:
+        return []
+    budget, spent = record.request.budget, record.budget_used
+    base_R_tip = next(iter(paths.values())).base_T_tip[0, :3, :3]
+    foresight = Foresight(_corrected_cloud(record), record.measured, record.request.sensor, base_R_tip)
+
+    def share(path: Trajectory) -> float:
+        after = foresight.fraction_after(path)
+        if record.scans:
+            after += _MISJUDGED * max(after - spent.fraction, 0.0) + _MOVED
+        return max(
+            1 / max(budget.scans - spent.scans, 1e-9),
+            path.duration / max(budget.seconds - spent.seconds, 1e-9),
+            max(after - spent.fraction, 0.0) / max(budget.fraction - spent.fraction, 1e-9),
+        )
+
+    fitting = []
+    for region_id, path in paths.items():
+        for part in _PARTS:
+            shortened = path.beginning(part)
+            if (used_up := share(shortened)) <= 1:
+                fitting.append((region_id, shortened, used_up))
+                break
+    return fitting
+
+
+def planned(
+    record: Record, affordable: Sequence[tuple[str, Trajectory, float]], expected_errors: Sequence[float]
+) -> Record:
+    """With each region's expected error brought up to date, and the next scan; exhausted if there is none.
 
     Args:
-        paths: of the open regions that can be scanned, by region id.
-        expected_errors: m, predicted for each of `paths`, in their order. Another scan of any other region is
-            expected to tell nothing.
+        affordable: what can be scanned, see there.
+        expected_errors: m, predicted for each of them, in their order. Another scan of any other region is expected
+            to tell nothing.
     """
-    predicted = dict(zip(paths, expected_errors, strict=True))
+    predicted = {region_id: error for (region_id, _, _), error in zip(affordable, expected_errors, strict=True)}
     present = record.estimate.expected_error
     regions = tuple(replace(region, expected_error=predicted.get(region.id, present)) for region in record.regions)
     record = replace(record, regions=regions)
-    candidates = [Candidate(region, paths[region.id]) for region in regions if region.id in paths]
-    best = choose(candidates, record.request.planner, present, lambda candidate: _share(record, candidate.path))
+    by_id = {region.id: region for region in regions}
+    candidates = [Candidate(by_id[region_id], path, share) for region_id, path, share in affordable]
+    best = choose(candidates, record.request.planner, present)
     if best is None:
         return ended(record, State.EXHAUSTED)
     scan_id = f"scan-{len(record.answered) + 1}"
@@ -141,23 +178,6 @@ def ended(record: Record, state: State, error: PretouchError | None = None) -> R
     if record.state.ended:
         return record
     return replace(record, state=state, next_scan=None, reason=None if error is None else problem(error))
-
-
-def _share(record: Record, path: Trajectory) -> float:
-    """What part of what is left of the scarcest budget a scan along `path` would use; above 1 it does not fit.
-
-    With an allowance for what it may touch unforeseen, but for the first scan: of a small object that touches much,
-    and without it nothing would be known.
-    """
-    budget, spent = record.request.budget, record.budget_used
-    after = fraction_after(_corrected_cloud(record), record.measured, path, record.request.sensor)
-    if record.scans:
-        after += _MISJUDGED * max(after - spent.fraction, 0.0) + _MOVED
-    return max(
-        1 / max(budget.scans - spent.scans, 1e-9),
-        path.duration / max(budget.seconds - spent.seconds, 1e-9),
-        max(after - spent.fraction, 0.0) / max(budget.fraction - spent.fraction, 1e-9),
-    )
 
 
 def _corrected_cloud(record: Record) -> Array:
