@@ -32,7 +32,7 @@ from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch.wire.common import array_from_proto, pose_to_proto, samples_from_proto
 
-TIMEOUT = 20.0  # of each whole conversation: only a hang takes so long
+TIMEOUT = 120.0  # of each whole conversation: only a hang takes so long
 PLANE_FINGER = """
 import numpy as np
 from pretouch_simulation.finger_process import run
