@@ -31,6 +31,9 @@ _WIDTH = 1.0
 OVERCONFIDENCE = 2.0
 """The cost's curvature divided by this is honest information; chosen for coverage on training meshes. For the same
 reason the prior counts this many times when distant corrections are compared."""
+_FARTHEST = 3.0
+"""Standard deviations of the prior, per axis: a calibration is not wrong by more."""
+_UNBELIEVABLE = 1e3
 _SEARCH_BEAMS = 120
 _MAX_BEAMS = 320
 """Beams used to search, and to refine and take the curvature; the winner is refined on all."""
@@ -44,7 +47,7 @@ def solve(problem: Problem) -> tuple[Array, Array]:
     thin = _thinned(problem, _MAX_BEAMS)
     found = _search(_thinned(problem, _SEARCH_BEAMS))
     candidates = np.array([refine(x, 1.0, problem.prior, *thin.arguments()) for x in found])
-    cost = costs(candidates, 1.0, OVERCONFIDENCE * problem.prior, *thin.arguments())
+    cost = _believable(candidates, 1.0, thin)
     x: Array = refine(candidates[np.argmin(cost)], 1.0, problem.prior, *problem.arguments())
     likelihood = np.exp((cost.min() - cost) / OVERCONFIDENCE)
     apart = candidates - x
@@ -59,6 +62,13 @@ def _thinned(problem: Problem, most: int) -> Problem:
     return replace(problem, beams=beams)
 
 
+def _believable(xs: Array, factor: float, problem: Problem) -> Array:
+    """The costs of xs (m, 6) when distant corrections are compared: beyond _FARTHEST of the prior none is believed."""
+    too_far = (np.abs(xs) * np.sqrt(problem.prior) > _FARTHEST).any(axis=1)
+    cost = costs(xs, factor, OVERCONFIDENCE * problem.prior, *problem.arguments())
+    return np.asarray(cost + np.where(too_far, _UNBELIEVABLE, 0.0), dtype=np.float64)
+
+
 def _search(problem: Problem) -> Array:
     """The best few corrections (_KEPT, 6) of a population that follows the cost from widened noise to the true one.
 
@@ -66,11 +76,10 @@ def _search(problem: Problem) -> Array:
     Metropolis steps (ter Braak 2006), which take their directions from the population itself. The draws are fixed.
     """
     rng = np.random.default_rng(0)
-    arguments = problem.arguments()
     xs: Array = rng.standard_normal((_DRAWS, 6)) / np.sqrt(problem.prior)
     xs[0] = 0.0
     for factor, moves in _ANNEALING:
-        cost = costs(xs, factor, OVERCONFIDENCE * problem.prior, *arguments)
+        cost = _believable(xs, factor, problem)
         likelihood = np.exp((cost.min() - cost) / OVERCONFIDENCE)
         steps = (np.arange(_POPULATION) + rng.uniform()) / _POPULATION
         chosen = np.searchsorted(np.cumsum(likelihood) / likelihood.sum(), steps).clip(max=len(xs) - 1)
@@ -80,7 +89,7 @@ def _search(problem: Problem) -> Array:
             length = rng.choice(_MOVES, size=(_POPULATION, 1))
             jitter = 0.05 * rng.standard_normal(xs.shape) * factor / 4 / np.sqrt(problem.prior)
             proposed = xs + length * (xs[a] - xs[b]) + jitter
-            new_cost = costs(proposed, factor, OVERCONFIDENCE * problem.prior, *arguments)
+            new_cost = _believable(proposed, factor, problem)
             accepted = np.log(rng.uniform(1e-300, 1, _POPULATION)) < (cost - new_cost) / OVERCONFIDENCE
             xs[accepted], cost[accepted] = proposed[accepted], new_cost[accepted]
     _, first = np.unique(xs.round(6), axis=0, return_index=True)
