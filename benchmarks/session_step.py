@@ -12,7 +12,7 @@ import time
 import numpy as np
 import psutil
 from pretouch_orchestrator.loop import Loop
-from pretouch_registrar.registration import Engine
+from pretouch_registrar.engines import Engine
 from pretouch_registrar.warm_up import warm_up
 from pretouch_simulation.demo import request_for
 from pretouch_simulation.finger import FingerModel
@@ -59,7 +59,7 @@ def _served(url: str, case: Case) -> list[float]:
 
 async def _in_process(case: Case) -> list[float]:
     execute, steps = direct_finger(case, _MODEL), []
-    loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.MAP))
+    loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.POSTERIOR))
     record = await loop.open("benchmark", 0.0, request_for(case, _MODEL), case.depth, case.mask)
     while record.next_scan is not None:
         _, samples = execute(record.next_scan)

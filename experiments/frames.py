@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_registrar.registration import Engine
+from pretouch_registrar.engines import Engine
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.frame_demo import engine_variable, run_frame
 from pretouch_simulation.frames import frame_case, load_frame
@@ -28,7 +28,7 @@ from rich.progress import track
 
 from pretouch.errors import NotFound, PretouchError
 
-ENGINES = (Engine.PAPER, Engine.MAP)
+ENGINES = (Engine.PAPER, Engine.POSTERIOR)
 MIN_PIXELS = 1000
 SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).resolve().parents[2] / "shared"))
 

@@ -29,7 +29,7 @@ class RegistrationSettings(_message.Message):
     PRIOR_FIELD_NUMBER: _builtins.int
     SENSOR_FIELD_NUMBER: _builtins.int
     engine: _builtins.str
-    """"map" (damped point-to-plane with the prior) or "paper" (point-to-point ICP with the Phillips rejector); empty: "map"."""
+    """One of the engines in pretouch_registrar.engines, such as "posterior" or "paper"; empty: the service's default."""
     @_builtins.property
     def prior(self) -> _common_pb2.Prior:
         """Calibration prior; left out: 0.0115 m, 0.05 rad."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pretouch_registrar.registration import Engine
+from pretouch_registrar.engines import Engine
 from rich.console import Console
 
 from pretouch.errors import InvalidInput
@@ -27,7 +27,7 @@ def demo(
     object_name: Annotated[str | None, typer.Option("--object", help="Which object of the frame.")] = None,
     seed: Annotated[int, typer.Option(help="Another seed hides another calibration error.")] = 0,
     sensor: Annotated[FingerModel, typer.Option(help="The simulated fingertip.")] = FingerModel.IDEAL,
-    engine: Annotated[Engine, typer.Option(help="How scans are matched.")] = Engine.MAP,
+    engine: Annotated[Engine, typer.Option(help="How scans are matched.")] = Engine.POSTERIOR,
     out: Annotated[Path | None, typer.Option("--json", help="With --frame: where its result goes.")] = None,
     results: Annotated[Path, typer.Option(help="Where picture and report go.")] = RESULTS,
 ) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from pretouch_registrar.registration import Engine
+from pretouch_registrar.engines import Engine
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -34,7 +34,7 @@ def evaluate(
     views: Annotated[int, typer.Option(min=1, help="Views of each mesh.")] = 3,
     scans: Annotated[int, typer.Option(min=1, max=1000, help="Scans of each view.")] = 5,
     proposer: Annotated[Proposer | None, typer.Option(help="Left out: the best one that is ready.")] = None,
-    engine: Annotated[Engine, typer.Option(help="How scans are matched.")] = Engine.MAP,
+    engine: Annotated[Engine, typer.Option(help="How scans are matched.")] = Engine.POSTERIOR,
     planner: Annotated[Planner, typer.Option(help="How the next region is chosen.")] = Planner.INFORMATION,
     sensor: Annotated[FingerModel, typer.Option(help="The simulated fingertip.")] = FingerModel.IDEAL,
     seed: Annotated[int, typer.Option(help="Another seed gives other views and offsets.")] = 0,

@@ -11,7 +11,7 @@ from typing import Any
 
 from pretouch_orchestrator.loop import Loop
 from pretouch_orchestrator.record import Record
-from pretouch_registrar.registration import Engine
+from pretouch_registrar.engines import Engine
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Pose

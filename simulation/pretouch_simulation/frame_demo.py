@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from pretouch_registrar.registration import Engine
+from pretouch_registrar.engines import Engine
 
 from pretouch.client import RestClient
 from pretouch.geometry import Array, Pose

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from pretouch_detector.proposals import propose
 from pretouch_orchestrator.ports import ProposedRegion
-from pretouch_registrar.registration import Engine, Settings, predict, register
+from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Settings, predict, register
 
 from pretouch.estimate import Estimate, Prior
 from pretouch.scene import Scene

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pretouch_registrar.registration import Engine
+from pretouch_registrar.engines import Engine
 from rich.console import Console
 from rich.live import Live
 

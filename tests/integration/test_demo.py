@@ -39,7 +39,7 @@ def test_the_demo_runs_both_sessions_and_leaves_picture_and_report(tmp_path: Pat
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("engine", ["map", "paper"])
+@pytest.mark.parametrize("engine", ["posterior", "paper"])
 def test_a_frame_is_corrected_by_either_engine(tmp_path: Path, engine: str) -> None:
     out = tmp_path / "deep" / "out.json"
     done = demo("--frame", str(write_frame(tmp_path)), "--object", "box", "--engine", engine, "--json", str(out))
@@ -49,7 +49,7 @@ def test_a_frame_is_corrected_by_either_engine(tmp_path: Path, engine: str) -> N
     assert result["state"] in ("converged", "exhausted")
     assert result["scans"] >= 1
     assert result["seconds"] > 0
-    if engine == "map":
+    if engine == "posterior":
         assert result["final_error"] < 0.6 * result["initial_error"]
 
 

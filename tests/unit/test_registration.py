@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_registrar.engines import paper
-from pretouch_registrar.registration import Engine, Settings, predict, register
+from pretouch_registrar.engines import Engine, paper
+from pretouch_registrar.registration import Settings, predict, register
 from scenes import KINECT, Box, World, looking
 
 from pretouch.errors import PretouchError

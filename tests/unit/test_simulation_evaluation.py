@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pretouch_registrar.registration import Engine
+from pretouch_registrar.engines import Engine
 from pretouch_simulation.evaluation import Protocol, Row, Run
 from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_table import by_object, by_scan, errors_after
@@ -19,7 +19,7 @@ from rich.table import Table
 from pretouch.errors import Conflict, InvalidInput, NotFound
 from pretouch.session import Planner
 
-PROTOCOL = Protocol(3, None, Engine.MAP, Planner.INFORMATION, FingerModel.IDEAL, seed=0)
+PROTOCOL = Protocol(3, None, Engine.POSTERIOR, Planner.INFORMATION, FingerModel.IDEAL, seed=0)
 
 
 def run_of(mesh: str, view: int, *errors: float, initial: float = 0.02) -> Run:

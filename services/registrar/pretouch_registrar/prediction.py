@@ -13,7 +13,7 @@ from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.engines.agreement import Problem, beam_rows, project, rotation_of
 from pretouch_registrar.engines.camera_model import KIND, OBJECT, OTHER, PLANE, UNSEEN
-from pretouch_registrar.engines.map import curvature
+from pretouch_registrar.engines.posterior import curvature
 
 _TRUTHS = 2
 """Poses drawn from the present estimate that are taken as the truth in turn."""

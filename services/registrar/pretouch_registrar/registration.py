@@ -6,40 +6,30 @@ import hashlib
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 import numpy as np
 
 from pretouch.estimate import Estimate, Prior, from_prior, point_error
-from pretouch.geometry import Array, Pose, rotation_from_vector
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
-from pretouch_registrar.engines import camera_model, map, paper
+from pretouch_registrar.engines import SOLVERS, Engine, camera_model
 from pretouch_registrar.engines.agreement import Problem, pose_problem, sample_residuals
 from pretouch_registrar.engines.camera_model import CameraModel
+from pretouch_registrar.engines.solution import Solution, pose_of
 from pretouch_registrar.prediction import predicted_information
 from pretouch_registrar.recent import Recent
 from pretouch_registrar.weak import weak_directions
 
 _THREADS = 2
 """Threads that predict candidates: the kernels run without Python's lock."""
-_OBJECT_HEIGHT = 0.01
-"""m: engine `paper` takes returns higher than this above the table to be the object's."""
-
-
-class Engine(StrEnum):
-    """How scans are matched; see the modules in `engines`."""
-
-    MAP = "map"
-    PAPER = "paper"
 
 
 @dataclass(frozen=True)
 class Settings:
     """What the registrar needs to know besides the scene and the scans."""
 
-    engine: Engine = Engine.MAP
+    engine: Engine = Engine.POSTERIOR
     prior: Prior = field(default_factory=Prior)
     sensor: Sensor = field(default_factory=Sensor)
 
@@ -54,7 +44,7 @@ def _content(scene: Scene) -> bytes:
 
 
 _models: Recent[bytes, CameraModel] = Recent(32)
-_solutions: Recent[bytes, tuple[Problem, Array, Array]] = Recent(64)
+_solutions: Recent[bytes, tuple[Problem, Solution]] = Recent(64)
 
 
 def register(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimate:
@@ -62,10 +52,7 @@ def register(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimat
     ordered = sorted((scan for scan in scans if len(scan)), key=_scan_key)
     if not ordered:
         return from_prior(settings.prior, scene.cloud)
-    if settings.engine is Engine.PAPER:
-        return _register_paper(scene, ordered, settings)
-    problem, x, covariance = _solved(scene, ordered, settings)
-    return _estimate(scene, problem, x, covariance)
+    return _estimate(scene, *_solved(scene, ordered, settings))
 
 
 def predict(scene: Scene, scans: Sequence[Scan], settings: Settings, candidates: Sequence[Trajectory]) -> list[float]:
@@ -76,46 +63,40 @@ def predict(scene: Scene, scans: Sequence[Scan], settings: Settings, candidates:
     ordered = sorted((scan for scan in scans if len(scan)), key=_scan_key)
     if settings.engine is Engine.PAPER:
         return [register(scene, ordered, settings).expected_error] * len(candidates)
-    problem, x, covariance = _solved(scene, ordered, settings)
-    present = np.linalg.inv(covariance)
-    cloud = _correction(scene, x).apply(scene.cloud)
-    centroid = scene.centroid + x[3:]
+    problem, solution = _solved(scene, ordered, settings)
+    present = np.linalg.inv(solution.covariance)
+    cloud = pose_of(solution.x, scene.centroid).apply(scene.cloud)
+    centroid = scene.centroid + solution.x[3:]
 
     def expected(candidate: Trajectory) -> float:
-        gained = predicted_information(problem, x, covariance, candidate, settings.sensor)
+        gained = predicted_information(problem, solution.x, solution.covariance, candidate, settings.sensor)
         return point_error(np.linalg.inv(present + gained), cloud, centroid)[0]
 
     with ThreadPoolExecutor(_THREADS) as pool:
         return list(pool.map(expected, candidates))
 
 
-def _solved(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Problem, Array, Array]:
-    """The problem, its best correction x (6,) and covariance (6, 6); recent ones are kept, since `predict` follows
-    `register` on the same scans."""
+def _solved(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Problem, Solution]:
+    """The problem and its solution; recent ones are kept, since `predict` follows `register` on the same scans."""
     key = _content(scene) + b"".join(_scan_key(scan) for scan in scans) + repr(settings).encode()
     return _solutions.get(key, lambda: _solve(scene, scans, settings))
 
 
-def _solve(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Problem, Array, Array]:
+def _solve(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Problem, Solution]:
     model = _models.get(_content(scene), lambda: camera_model.build(scene))
     problem = pose_problem(model, scans, settings.prior, settings.sensor)
     if not scans:
-        return problem, np.zeros(6), settings.prior.covariance()
-    return problem, *map.solve(problem)
+        return problem, Solution(np.zeros(6), settings.prior.covariance())
+    return problem, SOLVERS[settings.engine](problem)
 
 
 def _scan_key(scan: Scan) -> bytes:
     return scan.origins.tobytes() + scan.ranges.tobytes()
 
 
-def _correction(scene: Scene, x: Array) -> Pose:
-    """`base_T_correction` of x (6,): p -> exp(w) (p - c) + c + d."""
-    rotation = rotation_from_vector(x[:3])
-    return Pose.of(rotation, scene.centroid + x[3:] - rotation @ scene.centroid)
-
-
-def _estimate(scene: Scene, problem: Problem, x: Array, covariance: Array) -> Estimate:
-    correction = _correction(scene, x)
+def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
+    x, covariance = solution.x, solution.covariance
+    correction = pose_of(x, scene.centroid)
     expected, quantile = point_error(covariance, correction.apply(scene.cloud), scene.centroid + x[3:])
     residuals, inlier = sample_residuals(x, *problem.arguments())
     return Estimate(
@@ -128,30 +109,4 @@ def _estimate(scene: Scene, problem: Problem, x: Array, covariance: Array) -> Es
         inliers=int(inlier.sum()),
         samples=len(problem.beams),
         rmse=float(np.sqrt(np.mean(residuals[inlier] ** 2))) if inlier.any() else 0.0,
-    )
-
-
-def _register_paper(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimate:
-    prior = from_prior(settings.prior, scene.cloud)
-    scan = Scan.concatenate(list(scans))
-    points = scan.points()
-    source = points[scene.table.height(points) > _OBJECT_HEIGHT]
-    scene_T_base = paper.align(source, scene.cloud) if len(source) else None
-    if scene_T_base is None:
-        return prior
-    correction = scene_T_base.inverse()
-    covariance = settings.prior.covariance()
-    expected, quantile = point_error(covariance, correction.apply(scene.cloud), correction.apply(scene.centroid))
-    distance = np.sqrt(((scene_T_base.apply(source)[:, None] - scene.cloud[None, ::8]) ** 2).sum(axis=2).min(axis=1))
-    inlier = distance < paper.MAX_DISTANCE / 5
-    return Estimate(
-        base_T_correction=correction,
-        centroid=scene.centroid,
-        covariance=covariance,
-        expected_error=expected,
-        error_quantile=float(quantile[0]),
-        unobservable=weak_directions(covariance, scene.radius, scene.table.normal),
-        inliers=int(inlier.sum()),
-        samples=len(scan),
-        rmse=float(np.sqrt(np.mean(distance[inlier] ** 2))) if inlier.any() else 0.0,
     )

@@ -11,7 +11,7 @@ import grpc
 from pretouch.errors import InvalidInput
 from pretouch.serving import Kit
 from pretouch.v1 import registrar_pb2, registrar_pb2_grpc
-from pretouch_registrar.registration import Engine
+from pretouch_registrar.engines import Engine
 from pretouch_registrar.servicer import RegistrarServicer
 from pretouch_registrar.warm_up import warm_up
 
@@ -21,7 +21,7 @@ ENGINE_VARIABLE = "PRETOUCH_REGISTRAR_ENGINE"
 @asynccontextmanager
 async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
     """Serves `pretouch.v1.RegistrarService`; PRETOUCH_REGISTRAR_ENGINE names the engine of requests that name none."""
-    name = os.environ.get(ENGINE_VARIABLE) or Engine.MAP.value
+    name = os.environ.get(ENGINE_VARIABLE) or Engine.POSTERIOR.value
     if name not in set(Engine):
         raise InvalidInput(f"{ENGINE_VARIABLE} is {name!r}.", f"Choose one of {', '.join(Engine)}.")
     await kit.cpu(warm_up)

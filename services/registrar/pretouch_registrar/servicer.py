@@ -23,7 +23,8 @@ from pretouch.wire.common import (
     scene_from_proto,
     sensor_from_proto,
 )
-from pretouch_registrar.registration import Engine, Settings, predict, register
+from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Settings, predict, register
 
 MAX_SCENE_BYTES = 32 * 2**20
 MAX_STREAM_SCANS = 1000

@@ -12,12 +12,27 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pretouch.geometry import Array, Pose
+from pretouch_registrar.engines.agreement import Problem
+from pretouch_registrar.engines.solution import Solution, correction_of
 
 LAMBDA = 0.95
 MAX_DISTANCE = 0.05
 """m: pairs further apart are not considered."""
 _ROUNDS = 50
 _MIN_PAIRS = 6
+_OBJECT_HEIGHT = 0.01
+"""m: returns higher than this above the table are taken to be the object's."""
+
+
+def solve(problem: Problem) -> Solution:
+    """The match of the returns above the table with the object's cloud; the prior where there are too few."""
+    prior = np.diag(1.0 / problem.prior)
+    points = problem.beams[problem.beams[:, 6] > 0, :3]
+    source = points[points @ problem.table[:3] - problem.table[3] > _OBJECT_HEIGHT]
+    scene_T_base = align(source, problem.model.scene.cloud) if len(source) else None
+    if scene_T_base is None:
+        return Solution(np.zeros(6), prior)
+    return Solution(correction_of(scene_T_base.inverse(), problem.centroid), prior)
 
 
 def align(source: Array, target: Array) -> Pose | None:

@@ -1,4 +1,4 @@
-"""Engine `map`: damped point-to-plane registration with the calibration prior.
+"""Engine `posterior`: hits and misses against everything the camera saw, searched over the whole prior.
 
 The correction that agrees best with all samples and the prior (maximum a posteriori): a population of corrections drawn
 from the prior follows the cost while the noise narrows, its best members are refined by Levenberg-Marquardt, and the
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pretouch.geometry import Array
 from pretouch_registrar.engines.agreement import Problem, costs, normal_equations, rotation_of, vector_of
+from pretouch_registrar.engines.solution import Solution
 
 _DRAWS = 600
 _POPULATION = 200
@@ -39,8 +40,8 @@ _MAX_BEAMS = 320
 """Beams used to search, and to refine and take the curvature; the winner is refined on all."""
 
 
-def solve(problem: Problem) -> tuple[Array, Array]:
-    """The best correction x (6,) and its covariance (6, 6), order (rotation vector, translation).
+def solve(problem: Problem) -> Solution:
+    """The best correction and its covariance.
 
     Other corrections that agree nearly as well widen the covariance by their distance, as likely as they are.
     """
@@ -52,7 +53,7 @@ def solve(problem: Problem) -> tuple[Array, Array]:
     likelihood = np.exp((cost.min() - cost) / OVERCONFIDENCE)
     apart = candidates - x
     spread = (likelihood[:, None] * apart).T @ apart / likelihood.sum()
-    return x, covariance_at(thin, x) + spread
+    return Solution(x, covariance_at(thin, x) + spread)
 
 
 def _thinned(problem: Problem, most: int) -> Problem:
