@@ -1,0 +1,287 @@
+"""How well the registrar foresees what a scan is worth: its predictions against what the scans then achieve.
+
+    python experiments/prediction.py [--meshes DIR] [--scenes 12] [--offsets 8] [--out docs/results]
+
+Each scene is one view of a mesh with a dozen random rectangles. After zero, one and two scans that are the same
+rectangles in every session, each remaining candidate's error is predicted by `predict`, then scanned in the true world
+and registered. Both numbers are averaged over hidden offsets; candidates are ranked within a scene. DIR is
+data/meshes/train of PRETOUCH_SHARED unless given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import hashlib
+import json
+import os
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pretouch_orchestrator.loop import Loop
+from pretouch_orchestrator.path import plan_paths
+from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Settings, predict, register
+from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
+from pretouch_simulation.mesh import load_mesh
+from pretouch_simulation.mesh_folder import meshes_in
+from pretouch_simulation.protocol import Case, generator, hidden_offset, make_case
+from pretouch_simulation.scanning import scan_along
+from rich.console import Console
+from rich.progress import track
+from scipy.stats import spearmanr
+
+from pretouch.errors import PretouchError
+from pretouch.estimate import Estimate
+from pretouch.geometry import Pose
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch.session import Planner, Proposer, ScanSettings, SessionRequest
+from pretouch.tof import Scan
+from pretouch.trajectory import Trajectory
+
+SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).resolve().parents[2] / "shared"))
+STAGES = (0, 1, 2)
+"""Scans made before the candidates are compared."""
+TIMED = 20
+"""Candidates in a call whose time is taken."""
+BEST = 3
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One view of an object: what a session knows of it, and the case that it came from.
+
+    Attributes:
+        made: the rectangles of the scans that come first, in order.
+        candidates: those that are compared.
+    """
+
+    case: Case
+    scene: Scene
+    made: tuple[RotatedRectangle, ...]
+    candidates: tuple[RotatedRectangle, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One view after some scans: per candidate (c,) and hidden offset (o,), m.
+
+    Attributes:
+        present: (o,) the error before the candidate's scan.
+        predicted, achieved: (c, o) the expected error foreseen, and the error once the candidate is scanned.
+        milliseconds: per call of `predict` with TIMED candidates, (o,).
+    """
+
+    mesh: str
+    stage: int
+    present: list[float]
+    predicted: list[list[float]]
+    achieved: list[list[float]]
+    milliseconds: list[float]
+
+    @property
+    def rank_correlation(self) -> float:
+        """Spearman's, of the means over the offsets."""
+        return float(spearmanr(np.mean(self.predicted, axis=1), np.mean(self.achieved, axis=1))[0])
+
+    def best(self, by: str) -> float:
+        """m: mean error achieved by the BEST candidates `by` "predicted", "achieved", or "chance"."""
+        achieved = np.mean(self.achieved, axis=1)
+        if by == "chance":
+            return float(achieved.mean())
+        return float(achieved[np.argsort(np.mean(getattr(self, by), axis=1), kind="stable")[:BEST]].mean())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--meshes", type=Path, default=SHARED / "data" / "meshes" / "train")
+    parser.add_argument("--split", choices=["development", "validation"], default="validation")
+    parser.add_argument("--scenes", type=int, default=12)
+    parser.add_argument("--offsets", type=int, default=8)
+    parser.add_argument("--candidates", type=int, default=12)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[1] / "docs" / "results")
+    arguments = parser.parse_args()
+    try:
+        run(arguments)
+    except PretouchError as error:
+        sys.exit(f"{error.detail} {error.remedy}")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Writes prediction.json and prediction.md into the folder `arguments.out`."""
+    comparisons: list[Comparison] = []
+    views = views_of(arguments.meshes, arguments.split, arguments.candidates, arguments.seed)
+    for _, view in zip(track(range(arguments.scenes), "scenes", console=Console(stderr=True)), views, strict=False):
+        comparisons += [compare(view, stage, arguments.offsets, arguments.seed) for stage in STAGES]
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    content = {
+        "command": " ".join(["python", "experiments/prediction.py", *sys.argv[1:]]),
+        "split": arguments.split,
+        "seed": arguments.seed,
+        "rows": [asdict(comparison) for comparison in comparisons],
+    }
+    (arguments.out / "prediction.json").write_text(json.dumps(content) + "\n")
+    table = markdown(comparisons, arguments.split, arguments.seed)
+    (arguments.out / "prediction.md").write_text(table)
+    print(table)
+
+
+def views_of(folder: Path, split: str, candidates: int, seed: int) -> Iterable[View]:
+    """Views of the split's meshes in an order fixed by their names, those left out that have too few candidates."""
+    digests = {path: hashlib.blake2b(path.stem.encode(), digest_size=8).hexdigest() for path in meshes_in(folder)}
+    for path, digest in sorted(digests.items(), key=lambda item: item[1]):
+        if (int(digest[-1], 16) % 4 == 0) == (split == "validation"):
+            view = view_of(make_case(path.stem, load_mesh(path), 0, seed), candidates)
+            if view is not None:
+                yield view
+
+
+def view_of(case: Case, candidates: int) -> View | None:
+    """The view as a session sees it, with the first rectangles that have a path; None if there are too few."""
+    request = SessionRequest(
+        camera=case.camera,
+        base_T_camera=case.base_T_camera,
+        depth_scale=1.0,
+        proposer=Proposer.RANDOM,
+        planner=Planner.CONFIDENCE,
+    )
+    loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.PAPER))
+    record = asyncio.run(loop.open(case.name, 0.0, request, case.depth, case.mask))
+    u0, v0 = record.origin
+    rectangles = [region.rectangle.shifted(-u0, -v0) for region in record.regions]
+    paths = plan_paths(record.scene, rectangles, record.estimate, ScanSettings())
+    usable = [rectangle for rectangle, path in zip(rectangles, paths, strict=True) if path is not None]
+    first = max(STAGES)
+    if len(usable) < first + candidates:
+        return None
+    return View(case, record.scene, tuple(usable[:first]), tuple(usable[first : first + candidates]))
+
+
+def compare(view: View, stage: int, offsets: int, seed: int) -> Comparison:
+    """Predicts, scans and registers each candidate after `stage` scans, in a session for each hidden offset."""
+    present, predicted, achieved, milliseconds = [], [], [], []
+    for session in sessions(view, stage, offsets, seed):
+        present.append(session.error(session.estimate))
+        paths = session.paths()
+        predicted.append(predict(view.scene, session.scans, Settings(), paths))
+        milliseconds.append(_timed(view.scene, session.scans, paths))
+        achieved.append(session.achieved(paths))
+    by_candidate = np.transpose(predicted).tolist(), np.transpose(achieved).tolist()
+    return Comparison(view.case.name, stage, present, *by_candidate, milliseconds)
+
+
+def _timed(scene: Scene, scans: Sequence[Scan], paths: Sequence[Trajectory]) -> float:
+    """ms of a prediction for TIMED candidates, its scans registered before."""
+    many = [paths[k % len(paths)] for k in range(TIMED)]
+    started = time.perf_counter()
+    predict(scene, scans, Settings(), many)
+    return 1000.0 * (time.perf_counter() - started)
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """One hidden offset: the object lies where `truth` moves it from where the camera puts it.
+
+    Only the object's place relative to the camera's belief matters, so that the world is moved rather than the
+    camera's extrinsics: what is computed of the depth image is then the same for all offsets.
+    """
+
+    view: View
+    truth: Pose
+    scans: tuple[Scan, ...]
+    estimate: Estimate
+    names: tuple[object, ...]
+
+    def error(self, estimate: Estimate) -> float:
+        """m: mean distance of the object's points, as corrected, from their true place."""
+        cloud = self.view.case.cloud
+        moved = estimate.base_T_correction.apply(cloud)
+        return float(np.linalg.norm(self.truth.apply(cloud) - moved, axis=1).mean())
+
+    def paths(self) -> list[Trajectory]:
+        """The candidates' paths from the present estimate."""
+        planned = plan_paths(self.view.scene, self.view.candidates, self.estimate, ScanSettings())
+        return [path for path in planned if path is not None]
+
+    def after(self, path: Trajectory, *name: object) -> Session:
+        """The session once `path` is scanned, its noise fixed by the session's names and `name`."""
+        names = (*self.names, *name)
+        scans = (*self.scans, self._scanned(path, generator(*names)))
+        return replace(self, scans=scans, estimate=register(self.view.scene, scans, Settings()), names=names)
+
+    def achieved(self, paths: Sequence[Trajectory]) -> list[float]:
+        """m: the error after each path, were it scanned next."""
+        after = [self.after(path, "candidate", k) for k, path in enumerate(paths)]
+        return [session.error(session.estimate) for session in after]
+
+    def _scanned(self, path: Trajectory, rng: np.random.Generator) -> Scan:
+        world_T_base = self.view.case.truth @ self.truth.inverse()
+        sensor = sensor_of(FingerModel.IDEAL)
+        moved = Trajectory(path.t, world_T_base.matrix @ path.base_T_tip)
+        samples = scan_along(self.view.case.world, moved, sensor, FingerModel.IDEAL, rng)
+        return replace(samples, base_T_tip=world_T_base.inverse().matrix @ samples.base_T_tip).beams(sensor)
+
+
+def sessions(view: View, stage: int, offsets: int, seed: int) -> Iterable[Session]:
+    """A session for each of `offsets` hidden offsets, with the view's first `stage` scans made."""
+    for k in range(offsets):
+        names = ("prediction", seed, view.case.name, k)
+        truth = hidden_offset(view.case.cloud, generator(*names))
+        session = Session(view, truth, (), register(view.scene, (), Settings()), names)
+        for rectangle in view.made[:stage]:
+            path = plan_paths(view.scene, [rectangle], session.estimate, ScanSettings())[0]
+            if path is not None:
+                session = session.after(path, "made")
+        yield session
+
+
+def markdown(comparisons: Sequence[Comparison], split: str, seed: int) -> str:
+    """A line for each number of scans made before; errors in centimetres."""
+    sizes = np.shape(comparisons[0].achieved)
+    lines = [
+        f"Predicted against achieved errors within a scene: {split} meshes, seed {seed}, {sizes[0]} random rectangles "
+        f"a scene, both averaged over {sizes[1]} hidden offsets; ideal finger. Errors in cm.",
+        "",
+        "| scans before | scenes | Spearman, mean (std) | present error | three best predicted | three best achieved | "
+        f"ratio | any | mean predicted / achieved | ms for {TIMED} candidates |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [_line(stage, [c for c in comparisons if c.stage == stage]) for stage in STAGES]
+    return "\n".join(lines) + "\n"
+
+
+def _line(stage: int, chosen: Sequence[Comparison]) -> str:
+    correlations = np.array([c.rank_correlation for c in chosen])
+    predicted, oracle, chance = (
+        100 * float(np.mean([c.best(by) for c in chosen])) for by in ("predicted", "achieved", "chance")
+    )
+    foreseen = 100 * _mean([np.mean(c.predicted) for c in chosen])
+    cells = (
+        str(stage),
+        str(len(chosen)),
+        f"{correlations.mean():.2f} ({correlations.std():.2f})",
+        f"{100 * _mean([np.mean(c.present) for c in chosen]):.2f}",
+        f"{predicted:.2f}",
+        f"{oracle:.2f}",
+        f"{predicted / oracle:.2f}",
+        f"{chance:.2f}",
+        f"{foreseen:.2f} / {chance:.2f}",
+        f"{np.median([ms for c in chosen for ms in c.milliseconds]):.0f}",
+    )
+    return "| " + " | ".join(cells) + " |"
+
+
+def _mean(values: Sequence[Any]) -> float:
+    return float(np.mean(values))
+
+
+if __name__ == "__main__":
+    main()
