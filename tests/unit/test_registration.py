@@ -116,7 +116,7 @@ def test_a_scan_of_the_flat_top_alone_leaves_the_horizontal_free_and_says_so(sce
     assert std[5] < 0.004 < 0.006 < min(std[3], std[4])
     assert answer.unobservable
     assert all(np.linalg.norm(weak.direction) == pytest.approx(1) for weak in answer.unobservable)
-    assert any("translation along" in weak.text for weak in answer.unobservable[:3])
+    assert any("sliding along" in weak.text for weak in answer.unobservable[:3])
     assert list(answer.unobservable) == sorted(answer.unobservable, key=lambda weak: -weak.std)
 
 

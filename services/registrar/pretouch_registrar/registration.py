@@ -17,6 +17,7 @@ from pretouch_registrar.engines import SOLVERS, Engine, camera_model
 from pretouch_registrar.engines.agreement import Problem, pose_problem, sample_residuals
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.solution import Solution, pose_of
+from pretouch_registrar.evidence import near_object
 from pretouch_registrar.prediction import predicted_information
 from pretouch_registrar.recent import Recent
 from pretouch_registrar.weak import weak_directions
@@ -49,7 +50,7 @@ _solutions: Recent[bytes, tuple[Problem, Solution]] = Recent(64)
 
 def register(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimate:
     """The estimate from all scans, in whatever order they came."""
-    ordered = sorted((scan for scan in scans if len(scan)), key=_scan_key)
+    ordered = _evidence(scene, scans, settings)
     if not ordered:
         return from_prior(settings.prior, scene.cloud)
     return _estimate(scene, *_solved(scene, ordered, settings))
@@ -60,7 +61,7 @@ def predict(scene: Scene, scans: Sequence[Scan], settings: Settings, candidates:
 
     Engine `paper` cannot tell: it answers the present expected error for each.
     """
-    ordered = sorted((scan for scan in scans if len(scan)), key=_scan_key)
+    ordered = _evidence(scene, scans, settings)
     if settings.engine is Engine.PAPER:
         return [register(scene, ordered, settings).expected_error] * len(candidates)
     problem, solution = _solved(scene, ordered, settings)
@@ -90,14 +91,22 @@ def _solve(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Pro
     return problem, SOLVERS[settings.engine](problem)
 
 
+def _evidence(scene: Scene, scans: Sequence[Scan], settings: Settings) -> list[Scan]:
+    """What the scans say of the object, in an order of its own: equal ones count once, those without a beam never."""
+    near = (near_object(scene, scan, settings.prior, settings.sensor) for scan in scans)
+    return [scan for _, scan in sorted({_scan_key(scan): scan for scan in near if len(scan)}.items())]
+
+
 def _scan_key(scan: Scan) -> bytes:
-    return scan.origins.tobytes() + scan.ranges.tobytes()
+    arrays = (scan.origins, scan.directions, scan.ranges)
+    return hashlib.blake2b(b"".join(array.tobytes() for array in arrays), digest_size=16).digest()
 
 
 def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
     x, covariance = solution.x, solution.covariance
     correction = pose_of(x, scene.centroid)
-    expected, quantile = point_error(covariance, correction.apply(scene.cloud), scene.centroid + x[3:])
+    cloud = correction.apply(scene.cloud)
+    expected, quantile = point_error(covariance, cloud, scene.centroid + x[3:])
     residuals, inlier = sample_residuals(x, *problem.arguments())
     return Estimate(
         base_T_correction=correction,
@@ -105,7 +114,7 @@ def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
         covariance=covariance,
         expected_error=expected,
         error_quantile=float(quantile[0]),
-        unobservable=weak_directions(covariance, scene.radius, scene.table.normal),
+        unobservable=weak_directions(covariance, cloud, scene.table.normal),
         inliers=int(inlier.sum()),
         samples=len(problem.beams),
         rmse=float(np.sqrt(np.mean(residuals[inlier] ** 2))) if inlier.any() else 0.0,

@@ -1,0 +1,34 @@
+"""Which beams of a scan can say anything of the object."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pretouch.estimate import Prior
+from pretouch.scene import Scene
+from pretouch.tof import Scan, Sensor
+
+_SIGMAS = 3.0
+_AROUND = 0.06
+"""m beyond where the object may be: a scan comes in over the table, and the table beside the object tells its height."""
+
+
+def near_object(scene: Scene, scan: Scan, prior: Prior, sensor: Sensor) -> Scan:
+    """The distinct beams of the scan that end, or for a miss pass, where the object may be or just beside it.
+
+    Anything farther away has met something else: however well it fits the table's plane or the object's shape under
+    some correction, it is no evidence.
+    """
+    hit = scan.returned
+    relative = scan.origins - scene.centroid
+    along = np.where(hit, scan.ranges, np.clip(-(relative * scan.directions).sum(axis=1), 0.0, sensor.range_max))
+    distance = np.linalg.norm(relative + along[:, None] * scan.directions, axis=1)
+    extent = float(np.linalg.norm(scene.cloud - scene.centroid, axis=1).max())
+    reach = extent + _SIGMAS * np.sqrt(3.0) * (prior.translation_std + prior.rotation_std * extent) + _AROUND
+    rows = np.column_stack([scan.origins, scan.directions, scan.ranges])
+    distinct = np.zeros(len(scan), dtype=bool)
+    distinct[np.unique(rows, axis=0, return_index=True, equal_nan=True)[1]] = True
+    kept = distinct & (distance <= reach)
+    if kept.all():
+        return scan
+    return Scan(scan.origins[kept], scan.directions[kept], scan.ranges[kept])
