@@ -10,7 +10,7 @@ from pretouch.tof import Scan, Sensor
 
 _SIGMAS = 3.0
 _AROUND = 0.06
-"""m beyond where the object may be: a scan comes in over the table, and the table beside the object tells its height."""
+"""m beyond where the object may be: a scan comes in over the table, whose height says something of the object's."""
 
 
 def near_object(scene: Scene, scan: Scan, prior: Prior, sensor: Sensor) -> Scan:

@@ -9,42 +9,49 @@ from pretouch.geometry import Array, Plane
 _SLICE = 0.008
 """m along the axis: points of one slice should be equally far from it."""
 _SECTORS = 24
-_ROUNDS = 4
+_ROUNDS, _REWEIGHTINGS = 4, 5
 _TOLERANCE = 0.002
 """m, and the share of the radius: how far the outline of something round strays from a circle, depth noise included."""
 _SHARE = 0.06
 _MIN_SECTORS = 6
+_ROUND_SHARE = 2 / 3
 
 
 def axis_of_revolution(cloud: Array, direction: Array) -> Array | None:
     """(3,), m: a point on the axis about which the cloud (n, 3) looks round; None if it does not.
 
     The outline of each slice across `direction` (3,), unit, is the farthest point of each of its sectors. One linear
-    least squares fit gives the centre that all outlines share and a radius a slice (Kasa's circle fit); sectors are
-    taken about the new centre, and so on. A camera sees one side of most slices only, which is enough.
+    least squares fit gives the centre that all outlines share and a radius a slice (Kasa's circle fit), points that
+    stray counting less; sectors are taken about the new centre, and so on. A camera sees one side of most slices only,
+    which is enough; it also sees ghosts at edges, so that a third of the outline may lie in slices that are not round.
     """
     axes = Plane(direction, 0.0).frame().rotation
     local = cloud @ axes
     slices = np.floor((local[:, 2] - local[:, 2].min()) / _SLICE).astype(np.int64)
-    centre = local[:, :2].mean(axis=0)
+    centre = np.median(local[:, :2], axis=0)
     for _ in range(_ROUNDS):
         chosen = _outline(local[:, :2] - centre, slices)
         if chosen is None:
             return None
         outline, (_, ring) = local[chosen, :2], np.unique(slices[chosen], return_inverse=True)
-        rows = np.concatenate([2 * outline, np.eye(ring.max() + 1)[ring]], axis=1)
-        solved = np.linalg.lstsq(rows, (outline**2).sum(axis=1), rcond=None)[0]
-        centre = solved[:2]
-    radii = np.sqrt(np.maximum(solved[2:] + centre @ centre, 0.0))[ring]
-    strays = np.linalg.norm(outline - centre, axis=1) - radii
-    limit = _TOLERANCE + _SHARE * np.median(radii)
-    if np.sqrt(np.mean(strays**2)) > limit or np.abs(strays).max() > 3 * limit:
+        weight = np.ones(len(outline))
+        for _ in range(_REWEIGHTINGS):
+            rows = np.concatenate([2 * outline, np.eye(ring.max() + 1)[ring]], axis=1) * weight[:, None]
+            solved = np.linalg.lstsq(rows, (outline**2).sum(axis=1) * weight, rcond=None)[0]
+            centre = solved[:2]
+            radii = np.sqrt(np.maximum(solved[2:] + centre @ centre, 0.0))[ring]
+            strays = np.abs(np.linalg.norm(outline - centre, axis=1) - radii)
+            limit = _TOLERANCE + _SHARE * radii
+            weight = 1.0 / np.sqrt(1.0 + (strays / limit) ** 2)
+    worst = np.zeros(ring.max() + 1)
+    np.maximum.at(worst, ring, strays / limit)
+    if (worst[ring] <= 2.0).mean() < _ROUND_SHARE:
         return None
     return np.asarray(axes @ [*centre, local[:, 2].mean()], dtype=np.float64)
 
 
 def _outline(local: Array, slices: Array) -> Array | None:
-    """Indices of the farthest point of each sector in those slices that are seen in enough of them; None without any."""
+    """Indices of the farthest point of each sector, in slices that are seen in enough sectors; None without any."""
     distance = np.hypot(local[:, 0], local[:, 1])
     sector = np.floor((np.arctan2(local[:, 1], local[:, 0]) / (2 * np.pi) + 0.5) * _SECTORS).astype(np.int64)
     cell = slices * (_SECTORS + 1) + sector
