@@ -7,19 +7,23 @@ from pathlib import Path
 
 from pretouch.errors import InvalidInput, NotFound
 from pretouch_simulation.mesh import SUFFIXES
+from pretouch_simulation.split import Split, mixed, split_of
 
 _NAMED = 20
 
 
-def meshes_in(folder: Path, only: Sequence[str] = (), limit: int | None = None) -> list[Path]:
-    """The mesh files of `folder` in the order of their names.
+def meshes_in(
+    folder: Path, only: Sequence[str] = (), limit: int | None = None, split: Split | None = None
+) -> list[Path]:
+    """The mesh files of `folder`, in the order of their names; with `split`, in one that mixes the sources.
 
     Args:
         only: stems of the files that are meant; empty: all.
         limit: how many at most, the first ones.
+        split: only this side of the folder: parameters are chosen on `train` and reported on `validation`.
 
     Raises:
-        NotFound: no such folder, no mesh in it, or none of a name in `only`.
+        NotFound: no such folder, no mesh in it, none of a name in `only`, or none on this side.
         InvalidInput: two files of the same stem, which is what a mesh is called.
     """
     if not folder.is_dir():
@@ -36,4 +40,10 @@ def meshes_in(folder: Path, only: Sequence[str] = (), limit: int | None = None) 
         there = ", ".join(list(by_name)[:_NAMED]) + (", ..." if len(by_name) > _NAMED else "")
         raise NotFound(f"{folder} holds no mesh called {', '.join(unknown)}.", f"Choose from: {there}.")
     chosen = [path for path in files if not only or path.stem in only]
+    if split is not None:
+        chosen = sorted((path for path in chosen if split_of(path.stem) is split), key=lambda path: mixed(path.stem))
+        if not chosen:
+            raise NotFound(
+                f"None of the meshes in {folder} that are meant is on the side {split}.", "Leave out --split."
+            )
     return chosen[:limit]
