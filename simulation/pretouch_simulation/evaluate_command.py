@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import signal
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from pretouch_registrar.engines import Engine
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from pretouch.session import Planner, Proposer
-from pretouch_simulation.evaluation import NEVER_CONVERGED, Protocol, Run
-from pretouch_simulation.evaluation_pool import PartialResults, Task, run_all
-from pretouch_simulation.evaluation_table import by_object, by_scan
+from pretouch_simulation.evaluation import NEVER_CONVERGED, Protocol
+from pretouch_simulation.evaluation_pool import PartialResults
+from pretouch_simulation.evaluation_progress import run_with_progress
+from pretouch_simulation.evaluation_rows import Run, write_details
+from pretouch_simulation.evaluation_table import by_engine, by_object, by_scan
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.mesh_folder import meshes_in
+from pretouch_simulation.split import Split
 
 _INTERRUPTED = 130
 _FILE_WIDTH = 140
+_ENGINE = "How scans are matched; repeatable, the rows of all go into one file."
 
 
 def evaluate(
@@ -34,56 +36,72 @@ def evaluate(
     views: Annotated[int, typer.Option(min=1, help="Views of each mesh.")] = 3,
     scans: Annotated[int, typer.Option(min=1, max=1000, help="Scans of each view.")] = 5,
     proposer: Annotated[Proposer | None, typer.Option(help="Left out: the best one that is ready.")] = None,
-    engine: Annotated[Engine, typer.Option(help="How scans are matched.")] = Engine.POSTERIOR,
+    engine: Annotated[list[Engine] | None, typer.Option(help=f"{_ENGINE} Left out: posterior.")] = None,
     planner: Annotated[Planner, typer.Option(help="How the next region is chosen.")] = Planner.INFORMATION,
-    sensor: Annotated[FingerModel, typer.Option(help="The simulated fingertip.")] = FingerModel.IDEAL,
+    sensor: Annotated[
+        list[FingerModel] | None, typer.Option(help="The simulated fingertip; repeatable. Left out: ideal.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Another seed gives other views and offsets.")] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; left out: one for each core.")] = None,
     only: Annotated[
         list[str] | None, typer.Option(help="Only this mesh (file name without suffix); repeatable.")
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Only the first so many meshes.")] = None,
+    split: Annotated[
+        Split | None, typer.Option(help="Only this side of the folder: choose on train, report on validation.")
+    ] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Only the first so many meshes; with --split of mixed sources.")
+    ] = None,
     tolerance: Annotated[
         float | None, typer.Option(min=0.0, help="Stop a session at this error, m; left out: make all scans.")
     ] = None,
     paper_setting: Annotated[
         bool, typer.Option("--paper-setting", help="As the paper tested: scans cut from the camera's own cloud.")
     ] = False,
+    shared_scans: Annotated[
+        bool, typer.Option("--shared-scans", help="All engines match the scans that the first one plans.")
+    ] = False,
+    details: Annotated[
+        Path | None, typer.Option(help="Where each row's pose error goes, as JSON lines; with the stated covariance.")
+    ] = None,
 ) -> None:
-    """Score the whole loop on simulated views of a folder of meshes."""
+    """Score the whole loop on simulated views of a folder of meshes.
+
+    Each engine drives its own sessions unless --shared-scans is given.
+    """
     console = Console(stderr=True)
-    protocol = Protocol(
+    engines = [Engine.PAPER] if paper_setting else list(dict.fromkeys(engine or [Engine.POSTERIOR]))
+    sensors = [FingerModel.IDEAL] if paper_setting else list(dict.fromkeys(sensor or [FingerModel.IDEAL]))
+    first = Protocol(
         scans=scans,
         proposer=proposer,
-        engine=Engine.PAPER if paper_setting else engine,
+        engine=engines[0],
         planner=Planner.CONFIDENCE if paper_setting else planner,
-        sensor=FingerModel.IDEAL if paper_setting else sensor,
+        sensor=sensors[0],
         seed=seed,
         tolerance=tolerance or NEVER_CONVERGED,
         paper_setting=paper_setting,
+        leader=engines[0] if shared_scans and len(engines) > 1 else None,
     )
-    tasks = [(path, view) for path in meshes_in(meshes, only or (), limit) for view in range(views)]
-    kept = PartialResults(out, protocol)
+    protocols = [replace(first, engine=one, sensor=finger) for finger in sensors for one in engines]
+    tasks = [(path, view) for path in meshes_in(meshes, only or (), limit, split) for view in range(views)]
+    kept = PartialResults(out, first)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        runs = _run(tasks, protocol, workers or os.cpu_count() or 1, kept, console)
+        runs = run_with_progress(tasks, protocols, workers, kept, console)
     except KeyboardInterrupt:
+        total = len(tasks) * len(protocols)
         console.print(
-            f"Interrupted. {len(kept.runs)} of {len(tasks)} runs are kept in {kept.path}; the same command goes on."
+            f"Interrupted. {len(kept.runs)} of {total} runs are kept in {kept.path}; the same command goes on."
         )
         raise typer.Exit(_INTERRUPTED) from None
     _write(out, shlex.join(["pretouch", *sys.argv[1:]]), seed, runs)
+    if details is not None:
+        write_details(details, runs)
     kept.remove()
     _report(runs, scans, out)
     if any(run.problem for run in runs):
         raise typer.Exit(1)
-
-
-def _run(tasks: Sequence[Task], protocol: Protocol, workers: int, kept: PartialResults, console: Console) -> list[Run]:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
-        bar = progress.add_task("runs", total=len(tasks), completed=sum((p.stem, v) in kept.runs for p, v in tasks))
-        return run_all(tasks, protocol, workers, kept, lambda run: progress.advance(bar))
 
 
 def _write(out: Path, command: str, seed: int, runs: Sequence[Run]) -> None:
@@ -95,13 +113,13 @@ def _write(out: Path, command: str, seed: int, runs: Sequence[Run]) -> None:
 
 def _report(runs: Sequence[Run], scans: int, out: Path) -> None:
     console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
-    console.print(by_object(runs, scans))
-    console.print(by_scan(runs, scans))
+    single = len({(run.engine, run.sensor) for run in runs}) == 1
+    for table in (by_object(runs, scans), by_scan(runs, scans)) if single else (by_engine(runs, scans),):
+        console.print(table)
     for run in runs:
+        name = f"{run.mesh}, view {run.view}" + ("" if single else f", {run.engine}, {run.sensor}")
         if run.problem:
-            console.print(
-                f"{run.mesh}, view {run.view} failed: {run.problem}", style="red", markup=False, soft_wrap=True
-            )
+            console.print(f"{name} failed: {run.problem}", style="red", markup=False, soft_wrap=True)
         elif not run.rows:
-            console.print(f"{run.mesh}, view {run.view}: no scan could be planned; it has no row.", style="yellow")
+            console.print(f"{name}: no scan could be planned; it has no row.", style="yellow")
     console.print(f"The rows are in {out}.", markup=False, soft_wrap=True)

@@ -1,21 +1,23 @@
-"""One run of the evaluation: a session on one view, through the code of the services, judged after every scan."""
+"""The runs of one view: sessions through the code of the services, judged after every scan."""
 
 from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from pretouch_orchestrator.loop import Loop
 from pretouch_orchestrator.record import Record
 from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Settings, register
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Pose
 from pretouch.session import Budget, Planner, Proposer, SessionRequest, Tolerance
+from pretouch_simulation.evaluation_rows import Detail, Row, Run
 from pretouch_simulation.finger import FingerModel, sensor_of
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.mesh import load_mesh
@@ -36,6 +38,8 @@ class Protocol:
         proposer: None lets the detector choose.
         tolerance: m; a session that reaches it stops.
         paper_setting: the paper's own way of testing, see `paper_setting.py`.
+        leader: the engine by whose estimates the scans are planned, so that all engines are given the same ones;
+            None: the whole loop runs on `engine`.
     """
 
     scans: int
@@ -46,86 +50,62 @@ class Protocol:
     seed: int
     tolerance: float = NEVER_CONVERGED
     paper_setting: bool = False
+    leader: Engine | None = None
 
 
-@dataclass(frozen=True)
-class Row:
-    """The state after one scan of one run; metres and seconds.
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A session after one of its scans, and the seconds that it took to get there from the scan's samples."""
 
-    Attributes:
-        scan: 1, 2, ...
-        initial_error, error: mean distance of the object's points from their true place, before and now.
-        expected_error: what the estimate itself expects of `error`.
-        covered: the truth lies in the stated 95 % region.
-        fraction: share of the object's visible cloud scanned so far.
-        robot_seconds: spent by all scans so far.
-        compute_ms: from this scan's samples to the next plan; for the first scan, opening the session is added.
-    """
-
-    mesh: str
-    view: int
-    scan: int
-    proposer: str
-    engine: str
-    planner: str
-    sensor: str
-    initial_error: float
-    error: float
-    expected_error: float
-    covered: bool
-    fraction: float
-    robot_seconds: float
-    compute_ms: float
+    record: Record
+    seconds: float
 
 
-@dataclass(frozen=True)
-class Run:
-    """All that came of one view of one mesh.
+def run_view(path: Path, view: int, protocols: Sequence[Protocol]) -> list[Run]:
+    """A run by each of the protocols, all on the same images; they may differ in engine and sensor.
 
-    Attributes:
-        initial_error: m; None if the run failed before there was one.
-        problem: why it failed, else empty.
-    """
-
-    mesh: str
-    view: int
-    initial_error: float | None
-    rows: tuple[Row, ...]
-    problem: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @staticmethod
-    def from_dict(values: dict[str, Any]) -> Run:
-        return Run(**{**values, "rows": tuple(Row(**row) for row in values["rows"])})
-
-
-def run_view(path: Path, view: int, protocol: Protocol) -> Run:
-    """One run; the seeds are fixed by the file's stem, the view and the protocol's seed.
-
-    An error of pretouch's own is part of the result; any other is raised.
+    The seeds are fixed by the file's stem, the view and the protocol's seed. An error of pretouch's own is part of the
+    result; any other is raised.
     """
     name = path.stem
-    initial: float | None = None
     try:
-        case = make_case(name, load_mesh(path), view, protocol.seed)
-        initial = case.error(Pose.identity())
-        if protocol.paper_setting:
-            from pretouch_simulation.paper_setting import run_case as run_in_paper_setting
-
-            rows = asyncio.run(run_in_paper_setting(case, protocol))
-        else:
-            rows = asyncio.run(_run_case(case, protocol))
+        case = make_case(name, load_mesh(path), view, protocols[0].seed)
     except PretouchError as error:
-        return Run(name, view, initial, (), f"{error.detail} {error.remedy}".strip())
-    return Run(name, view, initial, tuple(rows))
+        return [_failed(name, view, protocol, None, error) for protocol in protocols]
+    return list(_runs(case, protocols))
 
 
-def warm_up(protocol: Protocol) -> None:
+def _runs(case: Case, protocols: Sequence[Protocol]) -> Iterator[Run]:
+    initial = case.error(Pose.identity())
+    led: dict[FingerModel, list[Step]] = {}
+    for protocol in protocols:
+        try:
+            if protocol.paper_setting:
+                from pretouch_simulation.paper_setting import run_case
+
+                rows, details = asyncio.run(run_case(case, protocol))
+            else:
+                steps = _steps(case, protocol, led)
+                rows = [_row(case, protocol, step, k, initial) for k, step in enumerate(steps, start=1)]
+                details = [Detail.of(case, step.record.estimate) for step in steps]
+        except PretouchError as error:
+            yield _failed(case.name, case.view, protocol, initial, error)
+        else:
+            engine, sensor = protocol.engine.value, protocol.sensor.value
+            yield Run(case.name, case.view, engine, sensor, initial, tuple(rows), tuple(details))
+
+
+def _failed(name: str, view: int, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
+    text = f"{error.detail} {error.remedy}".strip()
+    return Run(name, view, protocol.engine.value, protocol.sensor.value, initial, problem=text)
+
+
+def warm_up(protocols: Sequence[Protocol]) -> None:
     """Compiles and loads whatever a run needs, so that `compute_ms` does not count it."""
-    with suppress(PretouchError):  # a proposer that is not ready is said of every run
-        asyncio.run(_run_case(make_case("warm-up", box(), 0), replace(protocol, scans=1)))
+    case = make_case("warm-up", box(), 0)
+    for protocol in protocols:
+        with suppress(PretouchError):  # a proposer that is not ready is said of every run
+            asyncio.run(_session(case, replace(protocol, scans=1)))
 
 
 def request_of(case: Case, protocol: Protocol) -> SessionRequest:
@@ -147,25 +127,49 @@ def loop_of(protocol: Protocol) -> Loop:
     return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine))
 
 
-async def _run_case(case: Case, protocol: Protocol) -> list[Row]:
+def steps_of(case: Case, protocol: Protocol) -> list[Step]:
+    """The session on `case` that the protocol's rows are made of, after each of its scans."""
+    return _steps(case, protocol, {})
+
+
+def _steps(case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]]) -> list[Step]:
+    """As `steps_of`; `led` keeps the leader's sessions on this case, by sensor."""
+    if protocol.leader is None:
+        return asyncio.run(_session(case, protocol))
+    if protocol.sensor not in led:
+        led[protocol.sensor] = asyncio.run(_session(case, replace(protocol, engine=protocol.leader)))
+    steps = led[protocol.sensor]
+    return steps if protocol.engine is protocol.leader else [_rematched(step, protocol.engine) for step in steps]
+
+
+async def _session(case: Case, protocol: Protocol) -> list[Step]:
     loop = loop_of(protocol)
     started = time.perf_counter()
     record = await loop.open(f"{case.name}-{case.view}", 0.0, request_of(case, protocol), case.depth, case.mask)
     opening = time.perf_counter() - started
-    initial = case.error(Pose.identity())
-    rows: list[Row] = []
-    while record.next_scan is not None and len(rows) < protocol.scans:
+    steps: list[Step] = []
+    while record.next_scan is not None and len(steps) < protocol.scans:
         plan = record.next_scan
-        rng = generator("finger", protocol.seed, case.name, case.view, len(rows))
+        rng = generator("finger", protocol.seed, case.name, case.view, len(steps))
         samples = scan_along(case.world, plan.path, record.request.sensor, protocol.sensor, rng)
         started = time.perf_counter()
         record = await loop.advance(record, plan.scan_id, samples)
-        seconds = time.perf_counter() - started + (opening if not rows else 0.0)
-        rows.append(_row(case, protocol, record, len(rows) + 1, initial, seconds))
-    return rows
+        seconds = time.perf_counter() - started + (opening if not steps else 0.0)
+        steps.append(Step(record, seconds))
+    return steps
 
 
-def _row(case: Case, protocol: Protocol, record: Record, scan: int, initial: float, seconds: float) -> Row:
+def _rematched(step: Step, engine: Engine) -> Step:
+    """The same scans matched by another engine; the time is the match's alone."""
+    record = step.record
+    settings = Settings(engine, record.request.prior, record.request.sensor)
+    started = time.perf_counter()
+    estimate = register(record.scene, record.measured, settings)
+    return Step(replace(record, estimate=estimate), time.perf_counter() - started)
+
+
+def _row(case: Case, protocol: Protocol, step: Step, scan: int, initial: float) -> Row:
+    record = step.record
     return Row(
         mesh=case.name,
         view=case.view,
@@ -180,5 +184,5 @@ def _row(case: Case, protocol: Protocol, record: Record, scan: int, initial: flo
         covered=case.covered(record.estimate),
         fraction=record.budget_used.fraction,
         robot_seconds=record.budget_used.seconds,
-        compute_ms=1000.0 * seconds,
+        compute_ms=1000.0 * step.seconds,
     )

@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from pretouch.errors import Conflict
-from pretouch_simulation.evaluation import Protocol, Run, run_view, warm_up
+from pretouch_simulation.evaluation import Protocol, run_view, warm_up
+from pretouch_simulation.evaluation_rows import Run
 
 _ONE_THREAD = {
     name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -23,11 +24,13 @@ _ONE_THREAD = {
 """Every sum has one order then: the same numbers for any number of workers."""
 
 Task = tuple[Path, int]
-"""A mesh file and a view."""
+"""A mesh file and a view. All protocols run on it in one process, so that its images are made only once."""
 
 
 class PartialResults:
     """Runs that are done, one JSON line each, beside the file that the evaluation will write.
+
+    Runs of other engines and sensors may be added to those of an earlier evaluation.
 
     Raises:
         Conflict: the file was left by an evaluation of something else.
@@ -35,8 +38,9 @@ class PartialResults:
 
     def __init__(self, out: Path, protocol: Protocol) -> None:
         self.path = out.with_name(out.name + ".partial")
-        self._header = json.dumps({"protocol": asdict(protocol)}, sort_keys=True)
-        self.runs: dict[tuple[str, int], Run] = {}
+        settings = {name: value for name, value in asdict(protocol).items() if name not in ("engine", "sensor")}
+        self._header = json.dumps({"protocol": settings}, sort_keys=True)
+        self.runs: dict[tuple[str, int, str, str], Run] = {}
         if self.path.exists():
             self._read()
         else:
@@ -53,12 +57,12 @@ class PartialResults:
             )
         for line in lines:
             run = Run.from_dict(json.loads(line))
-            self.runs[run.mesh, run.view] = run
+            self.runs[run.key] = run
         # A line cut short by a crash is dropped, so that the next one starts on its own.
         self.path.write_text("".join(f"{line}\n" for line in [header, *lines]))
 
     def add(self, run: Run) -> None:
-        self.runs[run.mesh, run.view] = run
+        self.runs[run.key] = run
         with self.path.open("a") as file:
             file.write(json.dumps(run.as_dict()) + "\n")
 
@@ -66,43 +70,61 @@ class PartialResults:
         self.path.unlink(missing_ok=True)
 
 
+def keys(tasks: Sequence[Task], protocols: Sequence[Protocol]) -> list[tuple[str, int, str, str]]:
+    """`Run.key` of every run, in order: by engine and sensor, then as the tasks are."""
+    return [(path.stem, view, p.engine.value, p.sensor.value) for p in protocols for path, view in tasks]
+
+
 def run_all(
-    tasks: Sequence[Task], protocol: Protocol, workers: int, kept: PartialResults, done: Callable[[Run], None]
+    tasks: Sequence[Task],
+    protocols: Sequence[Protocol],
+    workers: int,
+    kept: PartialResults,
+    done: Callable[[Run], None],
 ) -> list[Run]:
-    """Runs every task that is not in `kept` yet, calling `done` after each; the runs in the order of the tasks.
+    """Runs every task by every protocol that is not in `kept` yet, calling `done` after each; in the order of `keys`.
+
+    Args:
+        protocols: they differ in engine and sensor only.
 
     Raises:
         KeyboardInterrupt: what was done by then is in `kept`.
     """
-    missing = [(path, view) for path, view in tasks if (path.stem, view) not in kept.runs]
-    for run in _results(missing, protocol, workers):
+    for run in _results(tasks, protocols, workers, kept.runs):
         kept.add(run)
         done(run)
-    return [kept.runs[path.stem, view] for path, view in tasks]
+    return [kept.runs[key] for key in keys(tasks, protocols)]
 
 
-def _results(tasks: Sequence[Task], protocol: Protocol, workers: int) -> Iterator[Run]:
-    if not tasks:
+def _results(
+    tasks: Sequence[Task], protocols: Sequence[Protocol], workers: int, known: Container[tuple[str, int, str, str]]
+) -> Iterator[Run]:
+    missing = [
+        (task, [p for p, key in zip(protocols, keys([task], protocols), strict=True) if key not in known])
+        for task in tasks
+    ]
+    missing = [(task, wanted) for task, wanted in missing if wanted]
+    if not missing:
         return
     context = multiprocessing.get_context("spawn")
     with _environment(_ONE_THREAD):
         pool = ProcessPoolExecutor(
-            min(workers, len(tasks)), mp_context=context, initializer=_prepare_worker, initargs=(protocol,)
+            min(workers, len(missing)), mp_context=context, initializer=_prepare_worker, initargs=(protocols,)
         )
         try:
-            for future in as_completed([pool.submit(run_view, path, view, protocol) for path, view in tasks]):
-                yield future.result()
+            for future in as_completed([pool.submit(run_view, *task, wanted) for task, wanted in missing]):
+                yield from future.result()
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _prepare_worker(protocol: Protocol) -> None:
+def _prepare_worker(protocols: Sequence[Protocol]) -> None:
     """Leaves interrupts to the parent, ends with it, and compiles what the first run would else wait for."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    warm_up(protocol)
+    warm_up(protocols)
 
 
 def _end_with(parent: Any) -> None:

@@ -1,4 +1,4 @@
-"""What an evaluation found, in tables: by scan, and by object."""
+"""What an evaluation found, in tables: by scan, by object, and by engine and sensor."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ import numpy as np
 from rich.table import Table
 
 from pretouch.geometry import Array
-from pretouch_simulation.evaluation import Row, Run
-
-_LARGE = 0.01
-"""m: an error above this counts as a failure."""
+from pretouch_simulation.evaluation_rows import Row, Run
+from pretouch_simulation.evaluation_summary import LARGE, errors_after, summaries
 
 
 def by_scan(runs: Sequence[Run], scans: int) -> Table:
@@ -61,16 +59,30 @@ def by_object(runs: Sequence[Run], scans: int) -> Table:
     return table
 
 
-def errors_after(runs: Sequence[Run], scan: int) -> Array:
-    """m, (n,): each run's error after `scan`, its last one if it stopped earlier, its first if it never scanned."""
-    return np.array(
-        [run.rows[min(scan, len(run.rows)) - 1].error if run.rows else run.initial_error for run in runs],
-        dtype=np.float64,
-    )
+def by_engine(runs: Sequence[Run], scans: int) -> Table:
+    """One line per engine, sensor and scan."""
+    table = _table("By engine", "engine", "sensor", "scan", "n", *_ERRORS, "covered", "expected", *_COSTS[1:], *_TIMES)
+    for one in summaries(runs, range(1, scans + 1)):
+        table.add_row(
+            one.engine,
+            one.sensor,
+            str(one.scan),
+            str(one.n),
+            *(_cm(value) for value in (one.mean, one.median, one.sd, one.p95)),
+            f"{one.large:.0%}",
+            f"{one.covered:.0%}",
+            _cm(one.expected_error),
+            f"{one.fraction:.1%}",
+            f"{one.robot_seconds:.1f}",
+            f"{one.compute_p50:.0f}",
+            f"{one.compute_p95:.0f}",
+        )
+    return table
 
 
 _ERRORS = ("mean cm", "median", "std", "p95", "> 1 cm")
 _COSTS = ("covered", "share", "robot s")
+_TIMES = ("ms p50", "ms p95")
 
 
 def _error_cells(errors: Array) -> list[str]:
@@ -79,7 +91,7 @@ def _error_cells(errors: Array) -> list[str]:
         _cm(float(np.median(errors))),
         _cm(float(errors.std())),
         _cm(float(np.quantile(errors, 0.95))),
-        f"{(errors > _LARGE).mean():.0%}",
+        f"{(errors > LARGE).mean():.0%}",
     ]
 
 

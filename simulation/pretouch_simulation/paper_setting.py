@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 from pretouch.geometry import Array, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.tof import Scan
-from pretouch_simulation.evaluation import Protocol, Row, loop_of, request_of
+from pretouch_simulation.evaluation import Protocol, loop_of, request_of
+from pretouch_simulation.evaluation_rows import Detail, Row
 from pretouch_simulation.protocol import Case, generator
 
 NOISE = 0.0015
@@ -27,8 +28,8 @@ ON_PERIMETER = 1.0
 _SCANNED = 0.005
 
 
-async def run_case(case: Case, protocol: Protocol) -> list[Row]:
-    """One row for each of the first `protocol.scans` regions."""
+async def run_case(case: Case, protocol: Protocol) -> tuple[list[Row], list[Detail]]:
+    """One row, and what stands behind it, for each of the first `protocol.scans` regions."""
     request = request_of(case, protocol)
     started = time.perf_counter()
     record = await loop_of(protocol).open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
@@ -38,6 +39,7 @@ async def run_case(case: Case, protocol: Protocol) -> list[Row]:
     settings = Settings(protocol.engine, request.prior, request.sensor)
     scans: list[Scan] = []
     rows: list[Row] = []
+    details: list[Detail] = []
     length = 0.0
     for region in sorted(record.regions, key=lambda region: -region.confidence)[: protocol.scans]:
         rng = generator("paper setting", protocol.seed, case.name, case.view, len(rows))
@@ -64,7 +66,8 @@ async def run_case(case: Case, protocol: Protocol) -> list[Row]:
                 compute_ms=1000.0 * seconds,
             )
         )
-    return rows
+        details.append(Detail.of(case, estimate))
+    return rows, details
 
 
 def cut(case: Case, true_cloud: Array, rectangle: RotatedRectangle, rng: np.random.Generator) -> Array:

@@ -65,11 +65,15 @@ class Case:
         cloud = self.cloud
         return float(np.linalg.norm(self.truth.apply(cloud) - base_T_correction.apply(cloud), axis=1).mean())
 
-    def covered(self, estimate: Estimate) -> bool:
-        """Whether the truth lies in the estimate's 95 % region."""
+    def deviation(self, estimate: Estimate) -> Array:
+        """(6,): the error that `estimate.covariance` speaks of, (rotation vector, translation), rad and m."""
         turn = vector_from_rotation(self.truth.rotation @ estimate.base_T_correction.rotation.T)
         shift = self.truth.apply(estimate.centroid) - estimate.base_T_correction.apply(estimate.centroid)
-        error = np.concatenate([turn, shift])
+        return np.concatenate([turn, shift])
+
+    def covered(self, estimate: Estimate) -> bool:
+        """Whether the truth lies in the estimate's 95 % region."""
+        error = self.deviation(estimate)
         return bool(error @ np.linalg.solve(estimate.covariance, error) <= CHI2_6_95)
 
 

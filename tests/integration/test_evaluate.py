@@ -75,6 +75,37 @@ def test_rows_have_the_agreed_form_and_do_not_depend_on_the_workers(meshes: Path
     assert sum(row["error"] for row in last) < 0.7 * sum(row["initial_error"] for row in last)
 
 
+def test_several_engines_and_sensors_share_one_file(meshes: Path, tmp_path: Path) -> None:
+    options = ("--only", "mug", "--views", "1", "--scans", "2", "--proposer", "random")
+    setups = ("--engine", "posterior", "--engine", "paper", "--sensor", "ideal", "--sensor", "vl6180x")
+    details = tmp_path / "details.jsonl"
+    both = evaluate(meshes, tmp_path / "both.json", *options, *setups, "--details", str(details))
+    found = [(row["sensor"], row["engine"], row["scan"]) for row in both["rows"]]
+    expected = [(s, e, k) for s in ("ideal", "vl6180x") for e in ("posterior", "paper") for k in (1, 2)]
+    assert found == expected
+    assert len({row["initial_error"] for row in both["rows"]}) == 1
+    alone = evaluate(meshes, tmp_path / "alone.json", *options, "--engine", "paper", "--sensor", "vl6180x")
+    assert timeless(alone) == timeless(both)[6:]
+    lines = [json.loads(line) for line in details.read_text().splitlines()]
+    assert [(line["sensor"], line["engine"], line["scan"]) for line in lines] == expected
+    for line, row in zip(lines, both["rows"], strict=True):
+        assert (line["distance2"] <= 12.59) == row["covered"]
+        assert sum(value**2 for value in line["whitened"]) == pytest.approx(line["distance2"])
+
+
+def test_shared_scans_do_not_depend_on_the_engine(meshes: Path, tmp_path: Path) -> None:
+    options = ("--only", "drill", "--views", "1", "--scans", "2", "--proposer", "random")
+    setups = ("--engine", "posterior", "--engine", "paper")
+    led = evaluate(meshes, tmp_path / "led.json", *options, *setups, "--shared-scans")
+    leader, follower = led["rows"][:2], led["rows"][2:]
+    assert [row["engine"] for row in follower] == ["paper", "paper"]
+    for name in ("scan", "fraction", "robot_seconds"):
+        assert [row[name] for row in leader] == [row[name] for row in follower]
+    assert [row["error"] for row in leader] != [row["error"] for row in follower]
+    alone = evaluate(meshes, tmp_path / "alone.json", *options, "--engine", "posterior")
+    assert timeless(alone) == timeless({"rows": leader})
+
+
 def test_the_papers_setting_has_rows_of_its_own(meshes: Path, tmp_path: Path) -> None:
     answer = evaluate(
         meshes, tmp_path / "paper.json", "--paper-setting", "--only", "drill", "--views", "1", "--scans", "3"

@@ -1,0 +1,127 @@
+"""What an evaluation finds out: a row for each scan, what stands behind it, and the run that they belong to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pretouch.estimate import Estimate
+from pretouch_simulation.protocol import Case
+
+
+@dataclass(frozen=True)
+class Row:
+    """The state after one scan of one run; metres and seconds.
+
+    Attributes:
+        scan: 1, 2, ...
+        initial_error, error: mean distance of the object's points from their true place, before and now.
+        expected_error: what the estimate itself expects of `error`.
+        covered: the truth lies in the stated 95 % region.
+        fraction: share of the object's visible cloud scanned so far.
+        robot_seconds: spent by all scans so far.
+        compute_ms: from this scan's samples to the next plan; for the first scan, opening the session is added.
+    """
+
+    mesh: str
+    view: int
+    scan: int
+    proposer: str
+    engine: str
+    planner: str
+    sensor: str
+    initial_error: float
+    error: float
+    expected_error: float
+    covered: bool
+    fraction: float
+    robot_seconds: float
+    compute_ms: float
+
+
+@dataclass(frozen=True)
+class Detail:
+    """What stands behind one row: the error as a pose, and against the stated covariance C.
+
+    Attributes:
+        deviation: (6,) the pose error e in C's order, rotation vector and translation; rad and m.
+        whitened: (6,) L^-1 e with C = L L^T, L lower triangular: standard normal if C is honest.
+        distance2: e^T C^-1 e, the sum of the squares of `whitened`: chi-square of 6 degrees of freedom if C is honest.
+        error_quantile: m, what the estimate states as the 95 % quantile of its error.
+        weakest: the direction that the estimate calls most free, in words; empty if there is none.
+        samples, inliers: of all scans so far.
+    """
+
+    deviation: tuple[float, ...]
+    whitened: tuple[float, ...]
+    distance2: float
+    error_quantile: float
+    weakest: str
+    samples: int
+    inliers: int
+
+    @staticmethod
+    def of(case: Case, estimate: Estimate) -> Detail:
+        """How far the truth of `case` is from `estimate`."""
+        deviation = case.deviation(estimate)
+        whitened = np.linalg.solve(np.linalg.cholesky(estimate.covariance), deviation)
+        return Detail(
+            deviation=tuple(deviation.tolist()),
+            whitened=tuple(whitened.tolist()),
+            distance2=float(whitened @ whitened),
+            error_quantile=estimate.error_quantile,
+            weakest=estimate.unobservable[0].text if estimate.unobservable else "",
+            samples=estimate.samples,
+            inliers=estimate.inliers,
+        )
+
+
+@dataclass(frozen=True)
+class Run:
+    """All that came of one view of one mesh by one engine and one sensor.
+
+    Attributes:
+        initial_error: m; None if the run failed before there was one.
+        details: one for each of `rows`.
+        problem: why it failed, else empty.
+    """
+
+    mesh: str
+    view: int
+    engine: str
+    sensor: str
+    initial_error: float | None
+    rows: tuple[Row, ...] = ()
+    details: tuple[Detail, ...] = ()
+    problem: str = ""
+
+    @property
+    def key(self) -> tuple[str, int, str, str]:
+        """What tells this run from the others of its evaluation."""
+        return self.mesh, self.view, self.engine, self.sensor
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @staticmethod
+    def from_dict(values: dict[str, Any]) -> Run:
+        rows = tuple(Row(**row) for row in values["rows"])
+        details = tuple(
+            Detail(**{**detail, "deviation": tuple(detail["deviation"]), "whitened": tuple(detail["whitened"])})
+            for detail in values["details"]
+        )
+        return Run(**{**values, "rows": rows, "details": details})
+
+
+def write_details(path: Path, runs: Sequence[Run]) -> None:
+    """One JSON line for each row: what tells the row from the others, then the members of its `Detail`."""
+    with path.open("w") as file:
+        for run in runs:
+            for row, detail in zip(run.rows, run.details, strict=True):
+                key = {"mesh": run.mesh, "view": run.view, "scan": row.scan, "engine": run.engine, "sensor": row.sensor}
+                file.write(json.dumps({**key, **asdict(detail)}) + "\n")
