@@ -56,6 +56,11 @@ def register(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimat
     return _estimate(scene, *_solved(scene, ordered, settings))
 
 
+def solution_of(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Solution:
+    """What the engine answers to `register`'s question, with the other corrections that it names, if any."""
+    return _solved(scene, _evidence(scene, scans, settings), settings)[1]
+
+
 def predict(scene: Scene, scans: Sequence[Scan], settings: Settings, candidates: Sequence[Trajectory]) -> list[float]:
     """m: the expected error after each candidate scan, given the scans so far.
 
