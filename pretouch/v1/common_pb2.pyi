@@ -30,6 +30,7 @@ class _ScalarTypeEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ScalarType
     SCALAR_TYPE_UINT16: _ScalarType.ValueType  # 2
     SCALAR_TYPE_FLOAT32: _ScalarType.ValueType  # 3
     SCALAR_TYPE_FLOAT64: _ScalarType.ValueType  # 4
+    SCALAR_TYPE_UINT32: _ScalarType.ValueType  # 5
 
 class ScalarType(_ScalarType, metaclass=_ScalarTypeEnumTypeWrapper):
     """The type of an array's numbers, little-endian on the wire."""
@@ -39,6 +40,7 @@ SCALAR_TYPE_UINT8: ScalarType.ValueType  # 1
 SCALAR_TYPE_UINT16: ScalarType.ValueType  # 2
 SCALAR_TYPE_FLOAT32: ScalarType.ValueType  # 3
 SCALAR_TYPE_FLOAT64: ScalarType.ValueType  # 4
+SCALAR_TYPE_UINT32: ScalarType.ValueType  # 5
 Global___ScalarType: _TypeAlias = ScalarType  # noqa: Y015
 
 @_typing.final
@@ -210,6 +212,48 @@ class Scene(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Scene: _TypeAlias = Scene  # noqa: Y015
+
+@_typing.final
+class MeshTarget(_message.Message):
+    """A known shape where it is believed to stand, instead of what a camera saw."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERTICES_FIELD_NUMBER: _builtins.int
+    FACES_FIELD_NUMBER: _builtins.int
+    BASE_T_OBJECT_FIELD_NUMBER: _builtins.int
+    TABLE_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def vertices(self) -> Global___Array:
+        """n x 3, FLOAT32 or FLOAT64, metres in the object's frame."""
+
+    @_builtins.property
+    def faces(self) -> Global___Array:
+        """m x 3, UINT32 or UINT16: indices into `vertices`, a triangle each."""
+
+    @_builtins.property
+    def base_t_object(self) -> Global___Pose:
+        """The object's believed pose."""
+
+    @_builtins.property
+    def table(self) -> Global___Plane:
+        """The table in base, as believed along with the object."""
+
+    def __init__(
+        self,
+        *,
+        vertices: Global___Array | None = ...,
+        faces: Global___Array | None = ...,
+        base_t_object: Global___Pose | None = ...,
+        table: Global___Plane | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "faces", b"faces", "table", b"table", "vertices", b"vertices"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "faces", b"faces", "table", b"table", "vertices", b"vertices"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___MeshTarget: _TypeAlias = MeshTarget  # noqa: Y015
 
 @_typing.final
 class Rectangle(_message.Message):

@@ -55,16 +55,21 @@ Global___RegistrationSettings: _TypeAlias = RegistrationSettings  # noqa: Y015
 
 @_typing.final
 class RegisterRequest(_message.Message):
-    """A scene and all its scans."""
+    """A target and all its scans."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_FIELD_NUMBER: _builtins.int
+    MESH_FIELD_NUMBER: _builtins.int
     SCANS_FIELD_NUMBER: _builtins.int
     SETTINGS_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def scene(self) -> _common_pb2.Scene:
         """What the camera saw."""
+
+    @_builtins.property
+    def mesh(self) -> _common_pb2.MeshTarget:
+        """A known shape at its believed pose."""
 
     @_builtins.property
     def scans(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Scan]:
@@ -78,14 +83,17 @@ class RegisterRequest(_message.Message):
         self,
         *,
         scene: _common_pb2.Scene | None = ...,
+        mesh: _common_pb2.MeshTarget | None = ...,
         scans: _abc.Iterable[_common_pb2.Scan] | None = ...,
         settings: Global___RegistrationSettings | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["scene", b"scene", "settings", b"settings"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scene", b"scene", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["scans", b"scans", "scene", b"scene", "settings", b"settings"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scans", b"scans", "scene", b"scene", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene", "mesh"]  # noqa: Y015
+    _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_target) -> _WhichOneofReturnType_target | None: ...
 
 Global___RegisterRequest: _TypeAlias = RegisterRequest  # noqa: Y015
 
@@ -123,7 +131,7 @@ class RegisterStreamRequest(_message.Message):
     SCENE_CHUNK_FIELD_NUMBER: _builtins.int
     SCAN_FIELD_NUMBER: _builtins.int
     scene_chunk: _builtins.bytes
-    """A piece of the serialised pretouch.v1.Scene, at most 1 MiB."""
+    """A piece of the serialised pretouch.v1.Scene, or MeshTarget where the header says so, at most 1 MiB."""
     @_builtins.property
     def header(self) -> Global___RegisterStreamHeader:
         """First message."""
@@ -157,8 +165,11 @@ class RegisterStreamHeader(_message.Message):
 
     SETTINGS_FIELD_NUMBER: _builtins.int
     SCENE_BYTES_FIELD_NUMBER: _builtins.int
+    MESH_BYTES_FIELD_NUMBER: _builtins.int
     scene_bytes: _builtins.int
-    """Bytes of the serialised pretouch.v1.Scene that follow in chunks."""
+    """Bytes of a serialised pretouch.v1.Scene."""
+    mesh_bytes: _builtins.int
+    """Bytes of a serialised pretouch.v1.MeshTarget."""
     @_builtins.property
     def settings(self) -> Global___RegistrationSettings:
         """Engine, prior, sensor."""
@@ -168,12 +179,15 @@ class RegisterStreamHeader(_message.Message):
         *,
         settings: Global___RegistrationSettings | None = ...,
         scene_bytes: _builtins.int = ...,
+        mesh_bytes: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["settings", b"settings"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh_bytes", b"mesh_bytes", "scene_bytes", b"scene_bytes", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_bytes", b"scene_bytes", "settings", b"settings"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["mesh_bytes", b"mesh_bytes", "scene_bytes", b"scene_bytes", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene_bytes", "mesh_bytes"]  # noqa: Y015
+    _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_target) -> _WhichOneofReturnType_target | None: ...
 
 Global___RegisterStreamHeader: _TypeAlias = RegisterStreamHeader  # noqa: Y015
 
@@ -238,12 +252,17 @@ class PredictScansRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
     SCENE_FIELD_NUMBER: _builtins.int
+    MESH_FIELD_NUMBER: _builtins.int
     SCANS_FIELD_NUMBER: _builtins.int
     SETTINGS_FIELD_NUMBER: _builtins.int
     CANDIDATES_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def scene(self) -> _common_pb2.Scene:
         """What the camera saw."""
+
+    @_builtins.property
+    def mesh(self) -> _common_pb2.MeshTarget:
+        """A known shape at its believed pose."""
 
     @_builtins.property
     def scans(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Scan]:
@@ -261,15 +280,18 @@ class PredictScansRequest(_message.Message):
         self,
         *,
         scene: _common_pb2.Scene | None = ...,
+        mesh: _common_pb2.MeshTarget | None = ...,
         scans: _abc.Iterable[_common_pb2.Scan] | None = ...,
         settings: Global___RegistrationSettings | None = ...,
         candidates: _abc.Iterable[Global___CandidatePath] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["scene", b"scene", "settings", b"settings"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scene", b"scene", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["candidates", b"candidates", "scans", b"scans", "scene", b"scene", "settings", b"settings"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["candidates", b"candidates", "mesh", b"mesh", "scans", b"scans", "scene", b"scene", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene", "mesh"]  # noqa: Y015
+    _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_target) -> _WhichOneofReturnType_target | None: ...
 
 Global___PredictScansRequest: _TypeAlias = PredictScansRequest  # noqa: Y015
 

@@ -11,6 +11,7 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
 from pretouch.estimate import Estimate, Prior, WeakDirection
 from pretouch.geometry import Plane, Pose
+from pretouch.mesh_target import MeshTarget
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import RangeSamples, Scan, Sensor
@@ -21,12 +22,13 @@ _DTYPES: dict[pb.ScalarType.ValueType, np.dtype[Any]] = {
     pb.SCALAR_TYPE_UINT16: np.dtype("<u2"),
     pb.SCALAR_TYPE_FLOAT32: np.dtype("<f4"),
     pb.SCALAR_TYPE_FLOAT64: np.dtype("<f8"),
+    pb.SCALAR_TYPE_UINT32: np.dtype("<u4"),
 }
 _TYPES = {dtype: number for number, dtype in _DTYPES.items()}
 
 
 def array_to_proto(array: NDArray[np.generic], dtype: str) -> pb.Array:
-    """Packs `array` as `dtype`: "u1", "u2", "f4" or "f8"."""
+    """Packs `array` as `dtype`: "u1", "u2", "u4", "f4" or "f8"."""
     wire_dtype = np.dtype(dtype).newbyteorder("<")
     data = np.ascontiguousarray(array, dtype=wire_dtype).tobytes()
     return pb.Array(data=data, shape=array.shape, type=_TYPES[wire_dtype])
@@ -102,6 +104,24 @@ def scene_from_proto(message: pb.Scene) -> Scene:
         camera_from_proto(message.camera),
         pose_from_proto(message.base_t_camera, "scene.base_t_camera"),
         array_from_proto(message.mask, "scene.mask") != 0,
+        plane_from_proto(message.table),
+    )
+
+
+def mesh_to_proto(mesh: MeshTarget) -> pb.MeshTarget:
+    return pb.MeshTarget(
+        vertices=array_to_proto(mesh.vertices, "f4"),
+        faces=array_to_proto(mesh.faces, "u4"),
+        base_t_object=pose_to_proto(mesh.base_T_object),
+        table=plane_to_proto(mesh.table),
+    )
+
+
+def mesh_from_proto(message: pb.MeshTarget) -> MeshTarget:
+    return MeshTarget(
+        array_from_proto(message.vertices, "mesh.vertices"),
+        array_from_proto(message.faces, "mesh.faces"),
+        pose_from_proto(message.base_t_object, "mesh.base_t_object"),
         plane_from_proto(message.table),
     )
 

@@ -18,17 +18,19 @@ from pretouch.v1 import registrar_pb2 as pb
 from pretouch.wire.common import (
     array_from_proto,
     estimate_to_proto,
+    mesh_from_proto,
     prior_from_proto,
     scan_from_proto,
     scene_from_proto,
     sensor_from_proto,
 )
 from pretouch_registrar.engines import Engine
+from pretouch_registrar.mesh_scene import mesh_scene
 from pretouch_registrar.registration import Settings, predict, register
 
-MAX_SCENE_BYTES = 32 * 2**20
+MAX_TARGET_BYTES = 32 * 2**20
 MAX_STREAM_SCANS = 1000
-_ORDER = "Send the header first, then the scene's chunks until scene_bytes are there, then scans."
+_ORDER = "Send the header first, then the target's chunks until scene_bytes or mesh_bytes are there, then scans."
 
 
 def settings_from_proto(message: pb.RegistrationSettings, default: Engine) -> Settings:
@@ -54,9 +56,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     def _register(self, request: pb.RegisterRequest) -> pb.RegisterResponse:
         scans = [scan_from_proto(scan) for scan in request.scans]
         settings = settings_from_proto(request.settings, self.default)
-        return pb.RegisterResponse(
-            estimate=estimate_to_proto(register(scene_from_proto(request.scene), scans, settings))
-        )
+        return pb.RegisterResponse(estimate=estimate_to_proto(register(_target_of(request), scans, settings)))
 
     async def PredictScans(
         self, request: pb.PredictScansRequest, context: grpc.aio.ServicerContext
@@ -70,7 +70,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
             for c in request.candidates
         ]
         settings = settings_from_proto(request.settings, self.default)
-        errors = predict(scene_from_proto(request.scene), scans, settings, candidates)
+        errors = predict(_target_of(request), scans, settings, candidates)
         return pb.PredictScansResponse(expected_errors=errors)
 
     async def RegisterStream(
@@ -81,11 +81,13 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
         if first is None or first.WhichOneof("step") != "header":
             raise InvalidInput("The stream does not begin with a header.", _ORDER)
         settings = settings_from_proto(first.header.settings, self.default)
-        scene = await self.kit.cpu(_scene_of, await _collect(steps, first.header.scene_bytes))
+        header = first.header
+        read = _mesh_of if header.WhichOneof("target") == "mesh_bytes" else _scene_of
+        scene = await self.kit.cpu(read, await _collect(steps, header.mesh_bytes or header.scene_bytes))
         scans: list[Scan] = []
         async for step in steps:
             if step.WhichOneof("step") != "scan":
-                raise InvalidInput("The scene is complete, but no scan came next.", _ORDER)
+                raise InvalidInput("The target is complete, but no scan came next.", _ORDER)
             if len(scans) == MAX_STREAM_SCANS:
                 raise TooLarge(f"More than {MAX_STREAM_SCANS} scans came on one stream.", "Open a new stream.")
             scans.append(scan_from_proto(step.scan))
@@ -93,16 +95,19 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
 
 
 async def _collect(steps: AsyncIterator[pb.RegisterStreamRequest], size: int) -> bytes:
-    if size > MAX_SCENE_BYTES:
-        raise TooLarge(f"The scene has {size} bytes; the limit is {MAX_SCENE_BYTES}.", "Crop the depth image.")
+    if size > MAX_TARGET_BYTES:
+        raise TooLarge(
+            f"The target has {size} bytes; the limit is {MAX_TARGET_BYTES}.",
+            "Crop the depth image, or simplify the mesh.",
+        )
     data = bytearray()
     while len(data) < size:
         step = await anext(steps, None)
         if step is None or step.WhichOneof("step") != "scene_chunk":
-            raise InvalidInput(f"The scene ends after {len(data)} of {size} bytes.", _ORDER)
+            raise InvalidInput(f"The target ends after {len(data)} of {size} bytes.", _ORDER)
         data += step.scene_chunk
     if len(data) > size:
-        raise InvalidInput(f"The scene has {len(data)} bytes, not the {size} announced.", _ORDER)
+        raise InvalidInput(f"The target has {len(data)} bytes, not the {size} announced.", _ORDER)
     return bytes(data)
 
 
@@ -111,6 +116,19 @@ def _scene_of(data: bytes) -> Scene:
         return scene_from_proto(common_pb2.Scene.FromString(data))
     except DecodeError:
         raise Malformed("The scene's bytes are not a pretouch.v1.Scene.", "Send the serialised message.") from None
+
+
+def _mesh_of(data: bytes) -> Scene:
+    try:
+        return mesh_scene(mesh_from_proto(common_pb2.MeshTarget.FromString(data)))
+    except DecodeError:
+        raise Malformed("The mesh's bytes are not a pretouch.v1.MeshTarget.", "Send the serialised message.") from None
+
+
+def _target_of(request: pb.RegisterRequest | pb.PredictScansRequest) -> Scene:
+    if request.WhichOneof("target") == "mesh":
+        return mesh_scene(mesh_from_proto(request.mesh))
+    return scene_from_proto(request.scene)
 
 
 def _answer(scene: Scene, scans: Sequence[Scan], settings: Settings) -> pb.RegisterStreamResponse:

@@ -6,9 +6,11 @@ import numpy as np
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Plane, Pose
+from pretouch.mesh_target import MeshTarget
 from pretouch.scene import Scene
 from pretouch.tof import Scan
 from pretouch.trajectory import Trajectory
+from pretouch_registrar.mesh_scene import mesh_scene
 from pretouch_registrar.registration import Settings, predict, register
 
 
@@ -32,4 +34,6 @@ def warm_up() -> None:
     ranges[0] = np.nan
     scan = Scan(tip[:, :3, 3], tip[:, :3, 2], ranges)
     register(scene, [scan], Settings())
+    triangle = np.array([[0.0, 0.0, 0.05], [0.05, 0.0, 0.05], [0.0, 0.05, 0.05]])
+    mesh_scene(MeshTarget(triangle, np.array([[0, 1, 2]]), Pose.identity(), scene.table))
     predict(scene, [scan], Settings(), [Trajectory(np.arange(8.0), tip)])

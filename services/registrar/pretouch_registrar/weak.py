@@ -27,6 +27,7 @@ _LONG = 1.5
 _ALIKE = 1.1
 """Neighbouring deviations up to this ratio count as the same."""
 _VARIMAX_ROUNDS = 30
+_MOST_POINTS = 5000
 _BASE = dict(zip("xyz", np.eye(3), strict=True))
 
 
@@ -92,7 +93,8 @@ class _Axes:
     """The axes that have a name: the vertical, the object's long one, those of base."""
 
     def __init__(self, cloud: Array, up: Array) -> None:
-        self._cloud = cloud
+        self._cloud = cloud[:: -(-len(cloud) // _MOST_POINTS)]
+        self._middle = cloud.mean(axis=0)
         self._up = up
         values, vectors = np.linalg.eigh(np.cov(cloud.T))
         spread = np.sqrt(np.maximum(values, 0.0))
@@ -116,7 +118,7 @@ class _Axes:
             return f"{text} through the object, about which it looks round"
         away = float(np.linalg.norm(middle_to_axis))
         if away > radius:
-            point = self._cloud.mean(axis=0) + middle_to_axis
+            point = self._middle + middle_to_axis
             return f"{text} through {_numbers(point)} m, {1000 * away:.0f} mm from the object's middle"
         return f"{text} through the object"
 
