@@ -61,7 +61,7 @@ def mesh_scene(target: MeshTarget) -> Scene:
         raise InvalidInput(
             f"From above, the mesh covers {int(mask.sum())} pixels of {1000 * pixel:.1f} mm above the table; at least "
             f"{MIN_OBJECT_PIXELS} are needed.",
-            f"Check the mesh's units, base_T_object and the table, whose normal is {target.table.normal.round(3).tolist()}.",
+            "Check the mesh's units, base_T_object, and that the table's normal points up.",
         )
     return Scene(DepthImage((1.0 / inverse).astype(np.float32)), camera, base_T_camera, mask, target.table)
 

@@ -1,0 +1,120 @@
+"""A cloud of an object as a scene: seen by a virtual camera from where the real one stood."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from pretouch.camera import Camera, DepthImage
+from pretouch.errors import InvalidInput
+from pretouch.geometry import Array, Plane, Pose
+from pretouch.scene import MIN_OBJECT_PIXELS, Scene
+
+MAX_CLOUD = 1_000_000
+"""Points; more say nothing that the image could hold."""
+_ABOVE = 3.0
+"""m above the object: the viewpoint of a cloud that does not say its own."""
+_MARGIN = 0.1
+"""m of table around the object."""
+_SPACINGS = 1.5
+"""Side of a pixel in median distances between neighbours, so that few pixels stay empty inside the object."""
+_FINEST = 0.0005
+_MOST_ACROSS = 700
+_SAMPLE = 2000
+_LEAST_DISTANCE = 0.05
+"""m from the viewpoint to the nearest point, along the view."""
+
+
+def thinned(cloud: Array, most: int) -> Array:
+    """At most `most` rows of `cloud` (n, 3), evenly over their order."""
+    if len(cloud) <= most:
+        return cloud
+    return cloud[np.linspace(0, len(cloud) - 1, most).astype(np.int64)]
+
+
+def table_below(cloud: Array) -> Plane:
+    """The level plane, base z up, at the cloud's lowest points: one in two hundred lies below it."""
+    return Plane(np.array([0.0, 0.0, 1.0]), float(np.quantile(cloud[:, 2], 0.005)))
+
+
+def cloud_scene(cloud: Array, table: Plane, viewpoint: Array | None) -> Scene:
+    """A depth image of `cloud` (n, 3), m, in base, all of it the object's; the table fills the rest.
+
+    Args:
+        viewpoint: (3,), m, in base, where the camera was; None looks straight down from far above.
+
+    Raises:
+        InvalidInput: too few points, or a viewpoint amid them or below the table.
+    """
+    distinct = np.unique(thinned(cloud, MAX_CLOUD), axis=0)
+    if len(distinct) < MIN_OBJECT_PIXELS:
+        raise InvalidInput(
+            f"The target has {len(distinct)} distinct points; at least {MIN_OBJECT_PIXELS} are needed.",
+            "Give the object's whole cloud as the camera sees it.",
+        )
+    middle = distinct.mean(axis=0)
+    eye = middle + _ABOVE * table.normal if viewpoint is None else np.asarray(viewpoint, dtype=np.float64)
+    if table.height(eye) <= 0:
+        raise InvalidInput(
+            f"The viewpoint {np.round(eye, 3).tolist()} is not above the table.", "Check viewpoint and table: base, m."
+        )
+    base_T_camera = _looking(eye, middle, table)
+    seen = base_T_camera.inverse().apply(distinct)
+    if seen[:, 2].min() < _LEAST_DISTANCE:
+        raise InvalidInput(
+            f"The viewpoint {np.round(eye, 3).tolist()} lies amid the target's points, or they are all around it.",
+            "Give the camera's position in base, m, and the object's cloud alone.",
+        )
+    camera, shape = _camera(distinct, seen)
+    depth = _nearest(camera.project(seen), seen[:, 2], shape)
+    mask = depth > 0
+    return Scene(
+        DepthImage(np.where(mask, depth, _table_depth(camera, base_T_camera, table, shape)).astype(np.float32)),
+        camera,
+        base_T_camera,
+        mask,
+        table,
+    )
+
+
+def _looking(eye: Array, at: Array, table: Plane) -> Pose:
+    """`base_T_camera` of a camera at `eye` that looks at a point."""
+    z = (at - eye) / max(float(np.linalg.norm(at - eye)), 1e-9)
+    axes = table.frame().rotation
+    x = np.cross(z, table.normal)
+    x = x / np.linalg.norm(x) if np.linalg.norm(x) > 1e-3 else axes[:, 0] - z * (z @ axes[:, 0])
+    x = x / np.linalg.norm(x)
+    return Pose.of(np.stack([x, np.cross(z, x), z], axis=1), eye)
+
+
+def _camera(cloud: Array, seen: Array) -> tuple[Camera, tuple[int, int]]:
+    """Intrinsics whose pixels are a bit larger than the points' spacing, and the image's (h, w)."""
+    sample = cloud[:: -(-len(cloud) // _SAMPLE)]
+    spacing = float(np.median(cKDTree(cloud).query(sample, k=2)[0][:, 1]))
+    rays = seen[:, :2] / seen[:, 2:]
+    distance = float(np.median(seen[:, 2]))
+    low, high = rays.min(axis=0) - _MARGIN / distance, rays.max(axis=0) + _MARGIN / distance
+    pixel = max(_SPACINGS * spacing / distance, _FINEST / distance, float((high - low).max()) / _MOST_ACROSS)
+    width, height = (int(n) for n in np.ceil((high - low) / pixel) + 1)
+    return Camera(1 / pixel, 1 / pixel, -low[0] / pixel, -low[1] / pixel), (height, width)
+
+
+def _nearest(pixels: Array, depths: Array, shape: tuple[int, int]) -> Array:
+    """A depth image (h, w): the nearest point of each pixel; small holes take their nearest neighbour's."""
+    u, v = np.rint(pixels).astype(np.int64).T
+    image = np.full(shape, np.inf)
+    np.minimum.at(image, (v.clip(0, shape[0] - 1), u.clip(0, shape[1] - 1)), depths)
+    filled = np.isfinite(image)
+    closed: NDArray[np.bool_] = ndimage.binary_closing(filled, np.ones((3, 3), dtype=bool))
+    nearest = ndimage.distance_transform_edt(~filled, return_distances=False, return_indices=True)
+    return np.asarray(np.where(closed | filled, image[tuple(nearest)], 0.0), dtype=np.float64)
+
+
+def _table_depth(camera: Camera, base_T_camera: Pose, table: Plane, shape: tuple[int, int]) -> Array:
+    """(h, w): depth of the table behind each pixel, 0 where there is none."""
+    rays = base_T_camera.rotate(camera.organised(np.ones(shape)))
+    approach = -(rays @ table.normal)
+    height = float(table.height(base_T_camera.translation))
+    return np.asarray(np.where(approach > 1e-3, height / np.maximum(approach, 1e-3), 0.0), dtype=np.float64)

@@ -1,0 +1,132 @@
+"""`pretouch scan register`: where is the object truly? From files of a camera's and of a finger's points."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pretouch.errors import Unavailable
+from pretouch.estimate import Estimate, Prior
+from pretouch.geometry import Plane, Pose, vector_from_rotation
+from pretouch.scene import Scene
+from pretouch.tof import Scan, Sensor
+from pretouch.wire.json import estimate_to_json
+from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Settings, register
+from pretouch_registrar.scan_files import Given, read_scan, read_target
+
+scan = typer.Typer(help="Scans in files.", no_args_is_help=True)
+
+
+@scan.callback()
+def _scan() -> None:
+    """Scans in files."""
+
+
+@scan.command("register")
+def _register(
+    target: Annotated[
+        Path,
+        typer.Argument(
+            help="Where the object is believed to be, in base: a depth image (.npz with depth, fx, fy, cx, cy, "
+            "base_T_camera, mask, table), the object's cloud as a camera saw it (.ply, .pcd, .npz with points), or its "
+            "mesh (.ply with faces, .obj, .stl) at --object-pose."
+        ),
+    ],
+    source: Annotated[
+        list[Path],
+        typer.Argument(
+            help="What the finger measured, a scan a file, in base: .npz with origins, directions and ranges (NaN: a "
+            "miss), or points in any of the formats."
+        ),
+    ],
+    engine: Annotated[Engine, typer.Option(help="How scans are matched.")] = Engine.POSTERIOR,
+    viewpoint: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="The camera's position in base, m.", show_default="the file's, else straight above"),
+    ] = None,
+    table: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(
+            help="The table in base: unit normal x y z upwards, and the offset d of normal . p = d, m.",
+            show_default="level, at the target's lowest points",
+        ),
+    ] = None,
+    object_pose: Annotated[
+        tuple[float, float, float, float, float, float, float] | None,
+        typer.Option(help="base_T_object of a mesh: x y z, m, and quaternion x y z w.", show_default="identity"),
+    ] = None,
+    translation_std: Annotated[
+        float, typer.Option(help="How wrong the target may be: standard deviation per axis, m.")
+    ] = Prior.translation_std,
+    rotation_std: Annotated[float, typer.Option(help="The same for rotation, rad.")] = Prior.rotation_std,
+    range_std: Annotated[float, typer.Option(help="Standard deviation of one range, m.")] = Sensor.range_std,
+    beam_half_angle: Annotated[
+        float, typer.Option(help="Half angle of the beam's cone, rad; 0 is a thin beam.")
+    ] = Sensor.beam_half_angle,
+    report: Annotated[Path | None, typer.Option(help="Write a picture of before and after to this .png file.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document instead of a table.")] = False,
+) -> None:
+    """Correct an object's pose from files: a target as believed, and what the finger measured."""
+    told = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    settings = Settings(
+        engine, Prior(translation_std, rotation_std), Sensor(range_std=range_std, beam_half_angle=beam_half_angle)
+    )
+    base_T_object = Pose.from_quaternion(object_pose[:3], object_pose[3:]) if object_pose is not None else None
+    given = Given(Plane(np.array(table[:3]), table[3]) if table is not None else None, viewpoint, base_T_object)
+    scene = read_target(target, given, told.print)
+    scans = [read_scan(path, scene.table, told.print) for path in source]
+    estimate = register(scene, scans, settings)
+    if sum(len(each) for each in scans) and not estimate.samples:
+        told.print("No sample lies near the target: are both in base, in metres?")
+    if report is not None:
+        _picture(report, scene, scans, estimate)
+    corrected = estimate.base_T_correction @ base_T_object if base_T_object is not None else None
+    if as_json:
+        json.dump(estimate_to_json(estimate, corrected), sys.stdout, indent=1)
+        print()
+    else:
+        Console().print(_table(estimate, corrected))
+
+
+def _picture(path: Path, scene: Scene, scans: list[Scan], estimate: Estimate) -> None:
+    try:
+        from pretouch_registrar.report_picture import write_picture
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] != "matplotlib":
+            raise
+        raise Unavailable(
+            "--report needs matplotlib, which is not installed.", "Run: pip install 'pretouch[report]'"
+        ) from error
+    write_picture(path, scene, scans, estimate)
+
+
+def _table(estimate: Estimate, base_T_object: Pose | None) -> Table:
+    turn = vector_from_rotation(estimate.base_T_correction.rotation)
+    shift = estimate.base_T_correction.apply(estimate.centroid) - estimate.centroid
+    table = Table(show_header=False)
+    angle = float(np.linalg.norm(turn))
+    axis = f" about ({', '.join(f'{x:.2f}' for x in turn / angle)})" if angle > 1e-6 else ""
+    table.add_row("translation of the object's middle", f"{_millimetres(shift)} mm")
+    table.add_row("rotation", f"{np.degrees(angle):.2f} deg{axis}")
+    table.add_row("expected error", f"{1000 * estimate.expected_error:.2f} mm")
+    table.add_row("95 % of errors below", f"{1000 * estimate.error_quantile:.2f} mm")
+    table.add_row("inliers", f"{estimate.inliers} of {estimate.samples} samples")
+    table.add_row("rmse of the inliers", f"{1000 * estimate.rmse:.2f} mm")
+    for k, weak in enumerate(estimate.unobservable):
+        table.add_row("" if k else "still free", weak.text)
+    if base_T_object is not None:
+        numbers = [*base_T_object.translation, *base_T_object.quaternion]
+        table.add_row("base_T_object (x y z, x y z w)", " ".join(f"{x:.5f}" for x in numbers))
+    return table
+
+
+def _millimetres(vector: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
+    return "(" + ", ".join(f"{1000 * value:.2f}" for value in vector) + ")"
