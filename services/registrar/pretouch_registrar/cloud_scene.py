@@ -48,26 +48,27 @@ def cloud_scene(cloud: Array, table: Plane, viewpoint: Array | None) -> Scene:
     Raises:
         InvalidInput: too few points, or a viewpoint amid them or below the table.
     """
-    distinct = np.unique(thinned(cloud, MAX_CLOUD), axis=0)
-    if len(distinct) < MIN_OBJECT_PIXELS:
+    points = thinned(cloud, MAX_CLOUD)
+    distinct = len(np.unique(thinned(points, _SAMPLE), axis=0))
+    if distinct < MIN_OBJECT_PIXELS:
         raise InvalidInput(
-            f"The target has {len(distinct)} distinct points; at least {MIN_OBJECT_PIXELS} are needed.",
+            f"The target has {distinct} distinct points; at least {MIN_OBJECT_PIXELS} are needed.",
             "Give the object's whole cloud as the camera sees it.",
         )
-    middle = distinct.mean(axis=0)
+    middle = points.mean(axis=0)
     eye = middle + _ABOVE * table.normal if viewpoint is None else np.asarray(viewpoint, dtype=np.float64)
     if table.height(eye) <= 0:
         raise InvalidInput(
             f"The viewpoint {np.round(eye, 3).tolist()} is not above the table.", "Check viewpoint and table: base, m."
         )
     base_T_camera = _looking(eye, middle, table)
-    seen = base_T_camera.inverse().apply(distinct)
+    seen = base_T_camera.inverse().apply(points)
     if seen[:, 2].min() < _LEAST_DISTANCE:
         raise InvalidInput(
             f"The viewpoint {np.round(eye, 3).tolist()} lies amid the target's points, or they are all around it.",
             "Give the camera's position in base, m, and the object's cloud alone.",
         )
-    camera, shape = _camera(distinct, seen)
+    camera, shape = _camera(points, seen)
     depth = _nearest(camera.project(seen), seen[:, 2], shape)
     mask = depth > 0
     return Scene(

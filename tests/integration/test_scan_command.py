@@ -1,0 +1,325 @@
+"""`pretouch scan register` as a user calls it, on the files that other tools write."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mesh_cases import blind_scans, mesh_target_of
+from PIL import Image
+from pretouch_simulation.objects import MAKERS
+from pretouch_simulation.open3d_loader import open3d
+from pretouch_simulation.protocol import Case, make_case
+
+from pretouch.cli import main
+from pretouch.estimate import Estimate, Prior, from_prior
+from pretouch.geometry import Array, Pose, vector_from_rotation
+from pretouch.mesh_target import MeshTarget
+from pretouch.wire.json import estimate_from_json
+from pretouch.wire.reader import Members
+
+
+@dataclass(frozen=True)
+class Files:
+    """One case's files, and the options that belong to them."""
+
+    case: Case
+    mesh: MeshTarget
+    folder: Path
+
+    def scans(self, suffix: str, count: int = 4) -> list[str]:
+        return [str(self.folder / f"scan{k}{suffix}") for k in range(count)]
+
+    @property
+    def table(self) -> list[str]:
+        return ["--table", *map(str, self.mesh.table.normal), str(self.mesh.table.offset)]
+
+    @property
+    def viewpoint(self) -> list[str]:
+        return ["--viewpoint", *map(str, self.case.base_T_camera.translation)]
+
+    @property
+    def pose(self) -> list[str]:
+        pose = self.mesh.base_T_object
+        return ["--object-pose", *map(str, [*pose.translation, *pose.quaternion])]
+
+
+def write_cloud(path: Path, points: Array) -> str:
+    o3d = open3d()
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.array(points)))
+    assert o3d.io.write_point_cloud(str(path), cloud, compressed=True)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
+    folder = tmp_path_factory.mktemp("scans")
+    case = make_case("drill", MAKERS["drill"](), 0)
+    mesh = mesh_target_of(case)
+    camera = {name: getattr(case.camera, name) for name in ("fx", "fy", "cx", "cy")}
+    table = [*mesh.table.normal, mesh.table.offset]
+    pose = case.base_T_camera.matrix
+    np.savez(folder / "view.npz", depth=case.depth.metres, **camera, base_T_camera=pose, mask=case.mask, table=table)
+    write_cloud(folder / "cloud.ply", case.cloud)
+    write_cloud(folder / "cloud.pcd", case.cloud)
+    np.savez(folder / "cloud.npz", points=case.cloud)
+    o3d = open3d()
+    shape = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(mesh.vertices.copy()), o3d.utility.Vector3iVector(mesh.faces.astype(np.int32))
+    )
+    assert o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), shape)
+    for k, scan in enumerate(blind_scans(case)):
+        np.savez(folder / f"scan{k}.npz", origins=scan.origins, directions=scan.directions, ranges=scan.ranges)
+        write_cloud(folder / f"scan{k}.ply", scan.points())
+    return Files(case, mesh, folder)
+
+
+@dataclass(frozen=True)
+class Done:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> Any:
+        return json.loads(self.out)
+
+    @property
+    def estimate(self) -> Estimate:
+        return estimate_from_json(Members(self.document, "estimate", None))
+
+
+@pytest.fixture
+def register(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+    def run(*arguments: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["pretouch", "scan", "register", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return Done(int(ended.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("target", "source", "options"),
+    [
+        ("view.npz", ".npz", []),
+        ("view.npz", ".ply", []),
+        ("cloud.ply", ".npz", ["table", "viewpoint"]),
+        ("cloud.pcd", ".ply", ["table", "viewpoint"]),
+        ("cloud.npz", ".npz", ["table", "viewpoint"]),
+        ("mesh.ply", ".npz", ["table", "pose"]),
+    ],
+)
+def test_every_form_of_a_target_finds_the_correction(
+    register: Any, files: Files, target: str, source: str, options: list[str]
+) -> None:
+    given = [word for option in options for word in getattr(files, option)]
+    done = register(files.folder / target, *files.scans(source), *given, "--json")
+    assert done.code == 0, done.err
+    estimate = done.estimate
+    assert files.case.error(Pose.identity()) > 0.018
+    assert files.case.error(estimate.base_T_correction) < 0.005
+    assert files.case.error(estimate.base_T_correction) < estimate.error_quantile < 0.012
+    if "pose" in options:
+        members = Members(done.document, "", None)
+        found, truth = members.pose("base_T_object"), files.case.truth @ files.mesh.base_T_object
+        assert np.linalg.norm(found.translation - truth.translation) < 0.006
+        assert np.linalg.norm(vector_from_rotation(found.rotation @ truth.rotation.T)) < 0.05
+    else:
+        assert "base_T_object" not in done.document
+
+
+def test_what_was_taken_for_granted_is_said_beside_the_document(register: Any, files: Files) -> None:
+    done = register(files.folder / "cloud.ply", *files.scans(".ply"), "--json")
+    assert done.code == 0
+    assert "the table is taken to be level at its lowest points, z = 0.01" in done.err
+    assert "--viewpoint" in done.err
+    assert files.case.error(done.estimate.base_T_correction) < files.case.error(Pose.identity()) / 2
+
+
+def test_the_table_that_people_read_says_the_same(register: Any, files: Files) -> None:
+    arguments = [files.folder / "view.npz", *files.scans(".npz", 1)]
+    estimate = register(*arguments, "--json").estimate
+    text = " ".join(register(*arguments).out.split())
+    assert f"{1000 * estimate.expected_error:.2f} mm" in text
+    assert f"{1000 * estimate.error_quantile:.2f} mm" in text
+    assert f"{estimate.inliers} of {estimate.samples} samples" in text
+    assert estimate.unobservable
+    for words in estimate.unobservable[0].text.split():
+        assert words in text
+
+
+def test_options_reach_the_engine(register: Any, files: Files) -> None:
+    arguments = [files.folder / "view.npz", *files.scans(".npz"), "--json"]
+    plain = register(*arguments).estimate
+    tight = register(*arguments, "--translation-std", 0.0001, "--rotation-std", 0.0001).estimate
+    assert np.linalg.norm(tight.base_T_correction.apply(tight.centroid) - tight.centroid) < 0.001
+    wide = register(*arguments, "--range-std", 0.01, "--beam-half-angle", 0.2).estimate
+    assert wide.expected_error > plain.expected_error
+    paper = register(*arguments, "--engine", "paper").estimate
+    np.testing.assert_allclose(paper.covariance, Prior().covariance())
+
+
+def test_a_report_shows_before_and_after(register: Any, files: Files, tmp_path: Path) -> None:
+    picture = tmp_path / "report.png"
+    arguments = [files.folder / "view.npz", *files.scans(".npz"), "--report"]
+    assert register(*arguments, picture).code == 0
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    height = len(pixels)
+    for half, colour in ((pixels[: height // 2], (0xD1, 0x49, 0x5B)), (pixels[height // 2 :], (0x00, 0x79, 0x8C))):
+        assert (np.abs(half - colour).sum(axis=2) < 30).sum() > 200
+    nowhere = register(*arguments, tmp_path / "none" / "report.png")
+    other = register(*arguments, tmp_path / "report.gif")
+    assert [nowhere.code, other.code] == [2, 2]
+    assert "cannot be written" in nowhere.err
+    assert ".png" in other.err
+
+
+def test_a_report_without_matplotlib_names_the_extra(
+    register: Any, files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "pretouch_registrar.report_picture", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    done = register(files.folder / "view.npz", *files.scans(".npz", 1), "--report", tmp_path / "a.png")
+    assert done.code == 2
+    assert "pip install 'pretouch[report]'" in done.err
+
+
+def test_the_command_needs_neither_matplotlib_nor_open3d() -> None:
+    code = "import sys, pretouch_registrar.scan_command; sys.exit(bool({'matplotlib', 'open3d'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], timeout=120, check=False).returncode == 0
+
+
+def test_as_a_process_stdout_is_one_document(files: Files) -> None:
+    command = [sys.executable, "-m", "pretouch", "scan", "register", str(files.folder / "cloud.ply")]
+    done = subprocess.run(
+        [*command, *files.scans(".ply", 1), "--json"], capture_output=True, timeout=120, check=False, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["samples"] > 50
+    assert "taken to be level" in done.stderr
+
+
+@pytest.mark.parametrize("offset", [(0.3, 0.0, 0.0), (0.0, -0.3, 0.05), (0.0, 0.0, 0.35), (3.0, 0.0, 0.0)])
+def test_scans_elsewhere_change_nothing_and_this_is_said(
+    register: Any, files: Files, tmp_path: Path, offset: tuple[float, float, float]
+) -> None:
+    elsewhere = write_cloud(tmp_path / "far.ply", files.case.cloud + offset)
+    done = register(files.folder / "view.npz", elsewhere, "--json")
+    before = from_prior(Prior(), files.case.cloud)
+    assert done.code == 0
+    assert done.estimate.expected_error > 0.8 * before.expected_error
+    if not done.estimate.samples:
+        assert "are both in base, in metres?" in done.err
+        assert done.estimate.base_T_correction.is_close(Pose.identity())
+
+
+def _ply(points: Array) -> bytes:
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    return (header + "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n").encode() + points.astype(
+        "<f4"
+    ).tobytes()
+
+
+def test_ten_million_points_are_thinned_and_it_is_said(register: Any, files: Files, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    cloud = files.case.cloud.astype(np.float32)
+    many = tmp_path / "many.ply"
+    points = cloud[rng.integers(len(cloud), size=10_000_000)]
+    points += rng.uniform(-0.001, 0.001, points.shape).astype(np.float32)
+    many.write_bytes(_ply(points))
+    done = register(many, *files.scans(".npz"), *files.table, *files.viewpoint, "--json")
+    assert done.code == 0, done.err
+    assert "10000000 points were thinned out to 1000000" in done.err
+    assert files.case.error(done.estimate.base_T_correction) < files.case.error(Pose.identity()) / 2
+    scan = tmp_path / "scan.ply"
+    scan.write_bytes(_ply(points[:50_000]))
+    done = register(files.folder / "view.npz", scan, "--json")
+    assert "50000 samples were thinned out to 20000" in done.err
+
+
+def changed(files: Files, tmp_path: Path, **changes: Any) -> Path:
+    with np.load(files.folder / "view.npz") as arrays:
+        written = {key: arrays[key] for key in arrays.files} | changes
+    path = tmp_path / "changed.npz"
+    np.savez(path, **{key: value for key, value in written.items() if value is not None})
+    return path
+
+
+BAD_VIEWS: dict[str, tuple[dict[str, Any], str]] = {
+    "no mask": ({"mask": None}, "but no mask"),
+    "an empty mask": ({"mask": np.zeros((480, 640))}, "0 pixels"),
+    "a mask of another size": ({"mask": np.ones((2, 2))}, "The mask is [2, 2]"),
+    "no table": ({"table": None}, "but no table"),
+    "a table of three": ({"table": [0, 0, 1]}, "shape [3]"),
+    "a long normal": ({"table": [0, 0, 2, 0]}, "norm 2"),
+    "a crooked pose": ({"base_T_camera": np.ones((4, 4))}, "not a rigid"),
+    "a NaN pose": ({"base_T_camera": np.full((4, 4), np.nan)}, "NaN"),
+    "no focal length": ({"fx": 0.0}, "focal"),
+    "a depth without its scale": ({"depth": np.ones((480, 640), dtype=np.uint16)}, "but no depth_scale"),
+    "a depth of 10 million pixels": ({"depth": np.ones((2500, 4000), dtype=np.float32)}, "10000000 pixels"),
+    "a depth of words": ({"depth": np.array([["a"]]), "depth_scale": 1.0}, "<U1"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_VIEWS)
+def test_a_bad_view_is_refused_in_words(register: Any, files: Files, tmp_path: Path, case: str) -> None:
+    changes, said = BAD_VIEWS[case]
+    done = register(changed(files, tmp_path, **changes), *files.scans(".npz", 1))
+    assert done.code == 2
+    assert said in done.err
+    assert "Traceback" not in done.err
+    assert not done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["cloud.ply", "scan0.npz", "--viewpoint", "0.5", "0", "-3"], "not above the table"),
+        (["cloud.ply", "scan0.npz", "--viewpoint", "0.5", "0", "0.06"], "amid the target's points"),
+        (["cloud.ply", "scan0.npz", "--viewpoint", "nan", "0", "1"], "NaN"),
+        (["cloud.ply", "scan0.npz", "--table", "0", "0", "3", "0"], "norm 3"),
+        (["cloud.ply", "scan0.npz", "--object-pose", "0", "0", "0", "0", "0", "0", "1"], "no triangles"),
+        (["mesh.ply", "scan0.npz", "--object-pose", "0", "0", "0", "0", "0", "0", "2"], "norm 2"),
+        (["view.npz", "scan0.npz", "--translation-std", "0"], "prior.translation_std is 0"),
+        (["view.npz", "scan0.npz", "--translation-std", "nan"], "prior.translation_std"),
+        (["view.npz", "scan0.npz", "--rotation-std", "-1"], "prior.rotation_std is -1"),
+        (["view.npz", "scan0.npz", "--rotation-std", "inf"], "prior.rotation_std"),
+        (["view.npz", "scan0.npz", "--range-std", "0"], "sensor.range_std"),
+        (["view.npz", "view.npz"], "but no points"),
+        (["scan0.npz", "scan0.npz"], "but no points"),
+        (["view.npz", "damaged.npz"], "not a readable .npz"),
+        (["view.npz", "pickled.npz"], "not a readable .npz"),
+        (["view.npz", "uneven.npz"], "not equally many"),
+        (["view.npz", "infinite.npz"], "infinite"),
+        (["few.npz", "scan0.npz"], "3 distinct points"),
+        (["same.npz", "scan0.npz"], "1 distinct points"),
+        (["millimetres.ply", "scan0.npz"], "Scale the mesh to metres"),
+    ],
+)
+def test_bad_input_is_refused_in_words(register: Any, files: Files, arguments: list[str], said: str) -> None:
+    folder = files.folder
+    (folder / "damaged.npz").write_bytes((folder / "scan0.npz").read_bytes()[:200])
+    np.savez(folder / "pickled.npz", points=np.array([{}, []], dtype=object))
+    np.savez(folder / "uneven.npz", origins=np.zeros((3, 3)), directions=np.zeros((3, 3)), ranges=np.zeros(2))
+    down = np.tile([0.0, 0.0, -1.0], (3, 1))
+    np.savez(folder / "infinite.npz", origins=np.zeros((3, 3)), directions=down, ranges=np.full(3, np.inf))
+    np.savez(folder / "few.npz", points=np.eye(3))
+    np.savez(folder / "same.npz", points=np.ones((5000, 3)))
+    (folder / "millimetres.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n90 0 0\n0 90 0\n3 0 1 2\n"
+    )
+    done = register(*(folder / word if (folder / word).exists() else word for word in arguments))
+    assert done.code == 2
+    assert said in done.err
+    assert "Traceback" not in done.err
