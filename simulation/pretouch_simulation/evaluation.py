@@ -53,7 +53,7 @@ class Protocol:
     leader: Engine | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)  # asyncio.run spells out what it returns, arrays too: seconds a run
 class Step:
     """A session after one of its scans, and the seconds that it took to get there from the scan's samples."""
 
@@ -127,28 +127,29 @@ def loop_of(protocol: Protocol) -> Loop:
     return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine))
 
 
-def steps_of(case: Case, protocol: Protocol) -> list[Step]:
-    """The session on `case` that the protocol's rows are made of, after each of its scans."""
-    return _steps(case, protocol, {})
+def steps_of(case: Case, protocol: Protocol, upto: int) -> list[Step]:
+    """The session on `case` that the protocol's rows are made of, after each of its first `upto` scans at most."""
+    steps = asyncio.run(_session(case, replace(protocol, engine=protocol.leader or protocol.engine), upto))
+    return [_rematched(step, protocol) for step in steps]
 
 
 def _steps(case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]]) -> list[Step]:
-    """As `steps_of`; `led` keeps the leader's sessions on this case, by sensor."""
+    """The protocol's session on `case`; `led` keeps the leader's ones, by sensor."""
     if protocol.leader is None:
         return asyncio.run(_session(case, protocol))
     if protocol.sensor not in led:
         led[protocol.sensor] = asyncio.run(_session(case, replace(protocol, engine=protocol.leader)))
-    steps = led[protocol.sensor]
-    return steps if protocol.engine is protocol.leader else [_rematched(step, protocol.engine) for step in steps]
+    return [_rematched(step, protocol) for step in led[protocol.sensor]]
 
 
-async def _session(case: Case, protocol: Protocol) -> list[Step]:
+async def _session(case: Case, protocol: Protocol, upto: int | None = None) -> list[Step]:
     loop = loop_of(protocol)
+    most = protocol.scans if upto is None else min(upto, protocol.scans)
     started = time.perf_counter()
     record = await loop.open(f"{case.name}-{case.view}", 0.0, request_of(case, protocol), case.depth, case.mask)
     opening = time.perf_counter() - started
     steps: list[Step] = []
-    while record.next_scan is not None and len(steps) < protocol.scans:
+    while record.next_scan is not None and len(steps) < most:
         plan = record.next_scan
         rng = generator("finger", protocol.seed, case.name, case.view, len(steps))
         samples = scan_along(case.world, plan.path, record.request.sensor, protocol.sensor, rng)
@@ -159,10 +160,12 @@ async def _session(case: Case, protocol: Protocol) -> list[Step]:
     return steps
 
 
-def _rematched(step: Step, engine: Engine) -> Step:
-    """The same scans matched by another engine; the time is the match's alone."""
+def _rematched(step: Step, protocol: Protocol) -> Step:
+    """The leader's scans matched by the protocol's engine, the time being the match's alone; its own as they are."""
+    if protocol.leader in (None, protocol.engine):
+        return step
     record = step.record
-    settings = Settings(engine, record.request.prior, record.request.sensor)
+    settings = Settings(protocol.engine, record.request.prior, record.request.sensor)
     started = time.perf_counter()
     estimate = register(record.scene, record.measured, settings)
     return Step(replace(record, estimate=estimate), time.perf_counter() - started)
