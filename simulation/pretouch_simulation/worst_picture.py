@@ -56,10 +56,10 @@ def save_worst(failures: Sequence[Failure], title: str, path: Path) -> None:
             _draw_view(above, failure, scan, kinds, 1, "from above", "base y, cm")
             _draw_view(side, failure, scan, kinds, 2, "from the side", "height, cm")
             side.axhline(0, color="grey", linewidth=0.8)
-            handles, labels = above.get_legend_handles_labels()
-            numbers.legend(handles, labels, loc="lower left", fontsize=8, markerscale=2, frameon=False)
             numbers.text(0, 1, _numbers(failure), va="top", family="monospace", fontsize=8.5)
             numbers.axis("off")
+        handles = above.get_legend_handles_labels()
+        figure.legend(*handles, loc="outside upper right", ncols=len(handles[0]), fontsize=8, markerscale=2)
         save_small(figure, path, 65)
 
 
@@ -140,7 +140,7 @@ def _numbers(failure: Failure) -> str:
         lines.append(f"second place    {_CM * one.second_distance:6.2f} cm off,")
         lines.append(f"  its error     {_CM * one.second_error:6.2f} cm")
     if one.weakest:
-        lines += textwrap.wrap(f"most free: {one.weakest}", 42, subsequent_indent="  ")
+        lines += textwrap.wrap(f"most free: {one.weakest}", 46, subsequent_indent="  ")
     return "\n".join(lines)
 
 
