@@ -13,6 +13,7 @@ from pretouch.estimate import Estimate, Prior, from_prior, point_error
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
+from pretouch_registrar.coarse import coarse
 from pretouch_registrar.engines import SOLVERS, Engine, camera_model
 from pretouch_registrar.engines.agreement import Problem, pose_problem, sample_residuals
 from pretouch_registrar.engines.camera_model import CameraModel
@@ -50,6 +51,7 @@ _solutions: Recent[bytes, tuple[Problem, Solution]] = Recent(64)
 
 def register(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimate:
     """The estimate from all scans, in whatever order they came."""
+    scene = coarse(scene)
     ordered = _evidence(scene, scans, settings)
     if not ordered:
         return from_prior(settings.prior, scene.cloud)
@@ -58,6 +60,7 @@ def register(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimat
 
 def solution_of(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Solution:
     """What the engine answers to `register`'s question, with the other corrections that it names, if any."""
+    scene = coarse(scene)
     return _solved(scene, _evidence(scene, scans, settings), settings)[1]
 
 
@@ -66,6 +69,7 @@ def predict(scene: Scene, scans: Sequence[Scan], settings: Settings, candidates:
 
     Engine `paper` cannot tell: it answers the present expected error for each.
     """
+    scene = coarse(scene)
     ordered = _evidence(scene, scans, settings)
     if settings.engine is Engine.PAPER:
         return [register(scene, ordered, settings).expected_error] * len(candidates)

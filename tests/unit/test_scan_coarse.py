@@ -1,0 +1,53 @@
+"""Images larger or finer than needed are cut and thinned, and the answer stays the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pretouch_registrar import coarse as module
+from pretouch_registrar.coarse import coarse
+from pretouch_registrar.registration import Settings, register
+from scenes import KINECT, Box, View, World
+
+from pretouch.camera import Camera
+from pretouch.geometry import Pose
+from pretouch.tof import Sensor
+from pretouch.trajectory import Trajectory
+
+WORLD = World((Box.standing((0.10, 0.06, 0.05), yaw=0.4),))
+CLOSE = View(camera=Camera(2100.0, 2100.0, 799.5, 599.5), width=1600, height=1200)
+TRUTH = Pose.from_rotation_vector((0.02, -0.02, 0.05), (0.01, -0.008, 0.012))
+
+
+def test_a_view_of_usual_size_is_left_alone() -> None:
+    scene = WORLD.scene(KINECT)
+    assert coarse(scene) is scene
+
+
+@pytest.mark.parametrize("most", [100_000, 20_000, 3_000])
+def test_a_fine_view_is_thinned_in_place(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    monkeypatch.setattr(module, "MOST_OBJECT_PIXELS", most)
+    fine = WORLD.scene(CLOSE)
+    thin = coarse(fine)
+    assert thin.mask.size < fine.mask.size
+    assert min(most, fine.mask.sum()) / 5 < thin.mask.sum() <= 1.1 * most
+    np.testing.assert_allclose(thin.centroid, fine.centroid, atol=5e-4)
+    on_box = WORLD.distance(thin.cloud)
+    assert on_box.max() < 1e-4
+
+
+def test_a_fine_view_is_answered_as_a_usual_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    tips = np.tile(np.eye(4), (2, 1, 1))
+    tips[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    ends = [((-0.08, -0.01), (0.08, 0.01)), ((0.01, -0.08), (-0.01, 0.08)), ((-0.07, 0.05), (0.07, -0.04))]
+    scans = []
+    for k, (start, end) in enumerate(ends):
+        tips[:, :3, 3] = (*start, 0.085), (*end, 0.085)
+        path = Trajectory(np.array([0.0, 3.0]), tips.copy())
+        scans.append(WORLD.moved(TRUTH).scanned(path, Sensor(), np.random.default_rng(k)).beams(Sensor()))
+    monkeypatch.setattr(module, "MOST_OBJECT_PIXELS", 10_000)
+    fine = WORLD.scene(CLOSE, np.random.default_rng(0))
+    answer = register(fine, scans, Settings())
+    error = np.linalg.norm(answer.base_T_correction.apply(fine.cloud) - TRUTH.apply(fine.cloud), axis=1).mean()
+    assert error < 0.005
+    assert error < answer.error_quantile
