@@ -34,15 +34,18 @@ def axis_of_revolution(cloud: Array, direction: Array) -> Array | None:
         if chosen is None:
             return None
         outline, (_, ring) = local[chosen, :2], np.unique(slices[chosen], return_inverse=True)
+        square = (outline**2).sum(axis=1)
         weight = np.ones(len(outline))
         for _ in range(_REWEIGHTINGS):
-            rows = np.concatenate([2 * outline, np.eye(ring.max() + 1)[ring]], axis=1) * weight[:, None]
-            solved = np.linalg.lstsq(rows, (outline**2).sum(axis=1) * weight, rcond=None)[0]
-            centre = solved[:2]
-            radii = np.sqrt(np.maximum(solved[2:] + centre @ centre, 0.0))[ring]
+            mean = np.array([np.bincount(ring, weight * column) for column in (*outline.T, square)])
+            mean /= np.bincount(ring, weight)
+            root = np.sqrt(weight)
+            apart = 2 * (outline - mean[:2, ring].T) * root[:, None]
+            centre = np.linalg.lstsq(apart, (square - mean[2, ring]) * root, rcond=None)[0]
+            radii = np.sqrt(np.maximum(mean[2] - 2 * centre @ mean[:2] + centre @ centre, 0.0))[ring]
             strays = np.abs(np.linalg.norm(outline - centre, axis=1) - radii)
             limit = _TOLERANCE + _SHARE * radii
-            weight = 1.0 / np.sqrt(1.0 + (strays / limit) ** 2)
+            weight = 1.0 / (1.0 + (strays / limit) ** 2)
     worst = np.zeros(ring.max() + 1)
     np.maximum.at(worst, ring, strays / limit)
     if (worst[ring] <= 2.0).mean() < _ROUND_SHARE:
