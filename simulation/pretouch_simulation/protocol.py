@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class Case:
     world: World
     truth: Pose
 
-    @property
+    @cached_property
     def cloud(self) -> Array:
         """(n, 3), m: the object's points as the camera puts them in base."""
         return self.base_T_camera.apply(self.camera.organised(self.depth.metres)[self.mask])
