@@ -19,7 +19,7 @@ from pretouch_registrar.engines.agreement import Problem, pose_problem, sample_r
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.solution import Solution, pose_of
 from pretouch_registrar.evidence import near_object
-from pretouch_registrar.prediction import predicted_information
+from pretouch_registrar.prediction import predicted_covariance
 from pretouch_registrar.recent import Recent
 from pretouch_registrar.weak import weak_directions
 
@@ -67,20 +67,19 @@ def solution_of(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Solu
 def predict(scene: Scene, scans: Sequence[Scan], settings: Settings, candidates: Sequence[Trajectory]) -> list[float]:
     """m: the expected error after each candidate scan, given the scans so far.
 
-    Engine `paper` cannot tell: it answers the present expected error for each.
+    Engines `paper` and `pcl` cannot tell: they answer the present expected error for each.
     """
     scene = coarse(scene)
     ordered = _evidence(scene, scans, settings)
-    if settings.engine is Engine.PAPER:
+    if settings.engine in (Engine.PAPER, Engine.PCL):
         return [register(scene, ordered, settings).expected_error] * len(candidates)
     problem, solution = _solved(scene, ordered, settings)
-    present = np.linalg.inv(solution.covariance)
     cloud = pose_of(solution.x, scene.centroid).apply(scene.cloud)
     centroid = scene.centroid + solution.x[3:]
 
     def expected(candidate: Trajectory) -> float:
-        gained = predicted_information(problem, solution.x, solution.covariance, candidate, settings.sensor)
-        return point_error(np.linalg.inv(present + gained), cloud, centroid)[0]
+        left = predicted_covariance(problem, solution.x, solution.covariance, candidate, settings.sensor)
+        return point_error(left, cloud, centroid)[0]
 
     with ThreadPoolExecutor(_THREADS) as pool:
         return list(pool.map(expected, candidates))

@@ -1,0 +1,263 @@
+"""Many scans of one depth image, matched at once: the inner loops of the paper's Algorithm 1.
+
+After Lancaster, Yang and Smith (IROS 2017). For each rectangle and each offset: the target is cut out of the camera's
+cloud K where it projects near the rectangle's perimeter; the source out of the cloud K' that the offset has moved,
+where it projects on the perimeter, with Gaussian noise; the score is the mean distance of the matched source from its
+true match. A rectangle is as good as its worst trial.
+
+The noise is fixed by seed, rectangle and trial, so that scores do not depend on the number of threads, and one call's
+rectangles may be split over several calls by `first`.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from pretouch.camera import Camera
+from pretouch.errors import InvalidInput
+from pretouch.estimate import Prior
+from pretouch.geometry import Array, frozen_array, rotations_from_vectors
+from pretouch_registrar.engines import icp, pcl
+from pretouch_registrar.engines import map as most_probable
+from pretouch_registrar.engines.agreement import rotation_of
+from pretouch_registrar.engines.neighbours import Index, index_of
+
+_CHUNK = 8
+"""Rectangles that a thread takes at a time."""
+_PLANE_NOISE = 0.0025
+"""m: of a distance along a normal, when matching is MAP: the sensor's and the surface's."""
+
+
+class Matching(IntEnum):
+    """How source and target are matched: by which engine's kernel, or by ICP without any rejection."""
+
+    PLAIN = 0
+    PAPER = 1
+    PCL = 2
+    MAP = 3
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What happens in each trial.
+
+    Attributes:
+        matching: MAP needs the image's normals.
+        noise: m, standard deviation of the source's noise, each axis.
+        on, near: px, how far from the perimeter the source's and the target's points may project.
+        prior: of the offset, when matching is MAP.
+        seed: of the noise.
+    """
+
+    matching: Matching = Matching.PCL
+    noise: float = 0.0015
+    on: float = 0.75
+    near: float = 6.0
+    prior: Prior = field(default_factory=Prior)
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One organised cloud, in the camera's frame.
+
+    Attributes:
+        cloud: (h, w, 3), m.
+        mask: (h, w) bool, the object's points.
+        camera: which projects them.
+        normals: (h, w, 3), unit; only MAP needs them.
+
+    Raises:
+        InvalidInput: no object point, or shapes that differ.
+    """
+
+    cloud: Array
+    mask: NDArray[np.bool_]
+    camera: Camera
+    normals: Array | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.mask.shape
+        same = self.cloud.shape == (*shape, 3) and (self.normals is None or self.normals.shape == (*shape, 3))
+        if len(shape) != 2 or not same or not self.mask.any():
+            raise InvalidInput(
+                f"The cloud is {list(self.cloud.shape)}, the mask {list(shape)} with {int(self.mask.sum())} points.",
+                "Give (h, w, 3) points and normals, and an (h, w) mask with at least one point.",
+            )
+
+
+def scores(
+    view: View, rectangles: ArrayLike, offsets: ArrayLike, trials: Trials, threads: int | None = None, first: int = 0
+) -> Array:
+    """(r, t), m: each rectangle's score in each trial.
+
+    A scan that cannot be matched, having too few points, scores what it would without a match; one without any point,
+    what the whole object would.
+
+    Args:
+        rectangles: (r, 5) as [x, y, w, h, theta], px and rad.
+        offsets: (t, 6), rad and m: rotation vector about the object's centroid, then translation; camera axes.
+        threads: how many; None: one for each processor.
+        first: number of the first rectangle, when a list is scored in parts.
+
+    Raises:
+        Malformed, InvalidInput: shapes or numbers that make no sense.
+    """
+    result: Array = _run(view, rectangles, offsets, trials, threads, first, False)
+    return result
+
+
+def best(
+    view: View, rectangles: ArrayLike, offsets: ArrayLike, trials: Trials, threads: int | None = None
+) -> tuple[int, float]:
+    """The rectangle whose worst trial scores least, and that score, m: the same as by `scores`, in less time.
+
+    A rectangle is given up as soon as one of its trials scores worse than the worst of another.
+    """
+    worst = _run(view, rectangles, offsets, trials, threads, 0, True).max(axis=1)
+    winner = int(np.argmin(worst))
+    return winner, float(worst[winner])
+
+
+def _run(
+    view: View, rectangles: ArrayLike, offsets: ArrayLike, trials: Trials, threads: int | None, first: int, pruned: bool
+) -> Array:
+    boxes = np.ascontiguousarray(frozen_array(rectangles, (None, 5), "rectangles"))
+    moves = np.ascontiguousarray(frozen_array(offsets, (None, 6), "offsets"))
+    if not len(boxes) or not len(moves):
+        raise InvalidInput("There is no rectangle or no offset.", "Give at least one of each.")
+    if trials.matching is Matching.MAP and view.normals is None:
+        raise InvalidInput(
+            "Matching by MAP needs the view's normals.", "Give View.normals, or choose another matching."
+        )
+    points = np.ascontiguousarray(view.cloud[view.mask], dtype=np.float64)
+    given = view.normals[view.mask] if view.normals is not None else np.zeros_like(points)
+    centre = points.mean(axis=0)
+    turns = np.ascontiguousarray(rotations_from_vectors(moves[:, :3]))
+    moved = np.einsum("tij,nj->tni", turns, points - centre) + centre + moves[:, None, 3:]
+    seen = view.camera.project(points).astype(np.float32)
+    moved_seen = np.ascontiguousarray(view.camera.project(moved), dtype=np.float32)
+    prior = np.array([trials.prior.rotation_std**-2.0] * 3 + [trials.prior.translation_std**-2.0] * 3)
+    bound = np.array([np.inf])
+    result = np.empty((len(boxes), len(moves)))
+
+    def part(start: int) -> None:
+        rows = slice(start, start + _CHUNK)
+        _score(
+            boxes[rows], points, np.ascontiguousarray(given, dtype=np.float64), seen, moved, moved_seen, turns, moves,
+            centre, prior, int(trials.matching), trials.noise, trials.on, trials.near,
+            trials.seed + (first + start) * len(moves), pruned, bound, result[rows],
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        list(pool.map(part, range(0, len(boxes), _CHUNK)))
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _from_perimeter(u: float, v: float, box: Array, cosine: float, sine: float) -> float:
+    """px: distance of a pixel from the perimeter of `box` (5,)."""
+    du, dv = u - box[0], v - box[1]
+    a = abs(cosine * du + sine * dv) - 0.5 * box[2]
+    b = abs(-sine * du + cosine * dv) - 0.5 * box[3]
+    if a <= 0 and b <= 0:
+        return min(-a, -b)
+    a, b = max(a, 0.0), max(b, 0.0)
+    return np.sqrt(a * a + b * b)
+
+
+@njit(cache=True, nogil=True)
+def _around_perimeter(seen: NDArray[np.float32], box: Array, width: float) -> NDArray[np.int64]:
+    """Which pixels seen (n, 2) lie within `width`, px, of the perimeter of `box` (5,)."""
+    cosine, sine = np.cos(box[4]), np.sin(box[4])
+    found = np.empty(seen.shape[0], np.int64)
+    count = 0
+    for i in range(seen.shape[0]):
+        if _from_perimeter(seen[i, 0], seen[i, 1], box, cosine, sine) <= width:
+            found[count] = i
+            count += 1
+    return found[:count]
+
+
+@njit(cache=True, nogil=True)
+def _score(
+    boxes: Array, points: Array, normals: Array, seen: NDArray[np.float32], moved: Array,
+    moved_seen: NDArray[np.float32], turns: Array, moves: Array, centre: Array, prior: Array, matching: int,
+    noise: float, on: float, near: float, seed: int, pruned: bool, bound: Array, result: Array,
+) -> None:  # fmt: skip
+    """Fills `result` (r, t), m; if `pruned`, inf from the trial on that exceeds `bound` (1,), which it lowers."""
+    r, t = np.eye(3), np.zeros(3)
+    for b in range(boxes.shape[0]):
+        near_by = _around_perimeter(seen, boxes[b], near)
+        target = points[near_by]
+        if matching == 2:
+            for i in range(target.shape[0]):
+                for k in range(3):
+                    target[i, k] = np.float32(target[i, k])
+        matchable = target.shape[0] >= icp.MIN_PAIRS
+        index = index_of(target if matchable else centre.reshape(1, 3))
+        surface = normals[near_by][index.order] if matchable else normals[:1]
+        worst = 0.0
+        for j in range(moves.shape[0]):
+            met = _around_perimeter(moved_seen[j], boxes[b], on)
+            source = moved[j][met]
+            np.random.seed((seed + b * moves.shape[0] + j) % 4294967296)
+            for i in range(source.shape[0]):
+                for k in range(3):
+                    source[i, k] += noise * np.random.standard_normal()
+            r[:], t[:] = np.eye(3), np.zeros(3)
+            if matchable and source.shape[0] >= icp.MIN_PAIRS:
+                _match(source, index, surface, centre, prior, matching, r, t)
+            judged = source if source.shape[0] > 0 else moved[j]
+            result[b, j] = _mean_error(judged, r, t, turns[j], centre, moves[j])
+            worst = max(worst, result[b, j])
+            if pruned and worst > bound[0]:
+                result[b, j:] = np.inf
+                break
+        if pruned and worst < bound[0]:
+            bound[0] = worst
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    source: Array, index: Index, surface: Array, centre: Array, prior: Array, matching: int, r: Array, t: Array
+) -> None:
+    """Fills r (3, 3), t (3,) with the motion of the source onto the target by one of the kernels."""
+    if matching == 2:
+        pcl.match(source, index, r, t)
+    elif matching == 3:
+        x = np.zeros(6)
+        most_probable.match(source, np.ones(source.shape[0]), index, surface, centre, prior, _PLANE_NOISE, x)
+        turn = rotation_of(x[:3])
+        for j in range(3):
+            for k in range(3):
+                r[j, k] = turn[k, j]
+        for j in range(3):
+            t[j] = centre[j]
+            for k in range(3):
+                t[j] -= r[j, k] * (centre[k] + x[3 + k])
+    elif icp.align(source, index, matching == 1, r, t) == 0:
+        r[:], t[:] = np.eye(3), np.zeros(3)
+
+
+@njit(cache=True, nogil=True)
+def _mean_error(source: Array, r: Array, t: Array, turn: Array, centre: Array, move: Array) -> float:
+    """m: mean distance of the source (n, 3), matched by (r, t), from where `move` (6,), undone, puts it."""
+    total = 0.0
+    for i in range(source.shape[0]):
+        y0 = source[i, 0] - centre[0] - move[3]
+        y1 = source[i, 1] - centre[1] - move[4]
+        y2 = source[i, 2] - centre[2] - move[5]
+        apart = 0.0
+        for k in range(3):
+            matched = r[k, 0] * source[i, 0] + r[k, 1] * source[i, 1] + r[k, 2] * source[i, 2] + t[k]
+            apart += (matched - turn[0, k] * y0 - turn[1, k] * y1 - turn[2, k] * y2 - centre[k]) ** 2
+        total += np.sqrt(apart)
+    return total / source.shape[0]

@@ -1,0 +1,148 @@
+"""Engine `pcl`: what the paper's authors ran, PCL's ICP with its rejector `VarTrimmed`, defects included.
+
+For comparison with results obtained by PCL (checked against 1.13.0). As there:
+
+- single precision: points are moved a round at a time in float32, and so every round's motion is rounded;
+- the rejector sorts the distances in place and then compares the sorted ones with the unsorted pairs: it keeps the
+  *first k pairs by index*, not the k closest, so that the order of the source's points decides;
+- its FRMSD for k pairs holds the sum of the smallest 5 % of the squared distances plus the k-th one, instead of the sum
+  of the k smallest; k = 5 % to 95 % of the pairs, and the one counted is one less than the best;
+- converged, at the first sign of any: the motion's cosine is at least 1 - 1e-8 and its length squared at most 1e-8
+  m^2; the mean squared distance changed by less than 1e-12 m^2 or by less than a millionth; 50 rounds. Fewer than three
+  pairs end it where it is.
+
+It knows no uncertainty: the prior's is stated. Where the returns cannot fix a pose, being too few, on one line or
+nowhere near the object, the prior itself is the answer. A cloud of more than `neighbours.MAX_TARGET` points is thinned.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from pretouch.geometry import Array, Pose
+from pretouch_registrar.engines.agreement import Problem
+from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MAX_ROUNDS
+from pretouch_registrar.engines.neighbours import Index, find, index_of, no_pairs, thinned
+from pretouch_registrar.engines.returns import OncePerModel, fixes_no_turn, object_returns
+from pretouch_registrar.engines.rigid import fit
+from pretouch_registrar.engines.solution import Solution, correction_of
+
+_SHARE = (0.05, 0.95)
+_MIN_PAIRS = 3
+_MIN_COSINE = 1.0 - 1e-8
+_MAX_SHIFT_SQUARED = 1e-8
+_SAME_ERROR = 1e-12
+_SAME_SHARE = 1e-6
+
+_index: OncePerModel[Index] = OncePerModel(lambda model: index_of(_single(thinned(model.scene.cloud))))
+
+
+def solve(problem: Problem) -> Solution:
+    """The match of the returns above the table with the object's cloud; the prior where there is none."""
+    prior = np.diag(1.0 / problem.prior)
+    source = problem.beams[object_returns(problem), :3]
+    scene_T_base = None if fixes_no_turn(source) else _match(source, _index(problem.model))
+    if scene_T_base is None:
+        return Solution(np.zeros(6), prior)
+    return Solution(correction_of(scene_T_base.inverse(), problem.centroid), prior)
+
+
+def align(source: Array, target: Array) -> Pose | None:
+    """`target_T_source` for points (n, 3) and (m, 3), m; None when no round found enough pairs."""
+    if not len(source) or not len(target):
+        return None
+    return _match(np.ascontiguousarray(source, dtype=np.float64), index_of(_single(thinned(target))))
+
+
+def _match(source: Array, index: Index) -> Pose | None:
+    r, t = np.eye(3), np.zeros(3)
+    if not match(source, index, r, t):
+        return None
+    u, _, vt = np.linalg.svd(r)
+    return Pose.of(u @ vt, t)
+
+
+def _single(points: Array) -> Array:
+    return points.astype(np.float32).astype(np.float64)
+
+
+@njit(cache=True, nogil=True)
+def match(source: Array, index: Index, r: Array, t: Array) -> int:
+    """Fills r (3, 3), t (3,) with the motion of `source` (n, 3), m, onto the target of `index`: rounded, see above.
+
+    Returns the number of rounds; 0 when none had enough pairs.
+    """
+    n = source.shape[0]
+    moved = np.empty((n, 3))
+    for i in range(n):
+        for k in range(3):
+            moved[i, k] = np.float32(source[i, k])
+    pairs = no_pairs(n)
+    squared = np.empty(n)
+    kept = np.empty(n, np.bool_)
+    turn, shift = np.eye(3), np.zeros(3)
+    total, step = np.eye(4, dtype=np.float32), np.eye(4, dtype=np.float32)
+    previous = 1e300
+    rounds = 0
+    while rounds < MAX_ROUNDS:
+        find(moved, index, MAX_DISTANCE, pairs)
+        paired = 0
+        for i in range(n):
+            kept[i] = pairs.neighbour[i] >= 0
+            if kept[i]:
+                squared[paired] = pairs.distance[i] * pairs.distance[i]
+                paired += 1
+        count, mean = _first_pairs(squared[:paired])
+        if count < _MIN_PAIRS:
+            break
+        before = 0
+        for i in range(n):
+            if kept[i]:
+                kept[i] = before < count
+                before += 1
+        fit(moved, index.points, pairs.neighbour, kept, turn, shift)
+        for j in range(3):
+            for k in range(3):
+                step[j, k] = np.float32(turn[j, k])
+            step[j, 3] = np.float32(shift[j])
+        for i in range(n):
+            x, y, z = np.float32(moved[i, 0]), np.float32(moved[i, 1]), np.float32(moved[i, 2])
+            for j in range(3):
+                moved[i, j] = np.float32(step[j, 0] * x + step[j, 1] * y + step[j, 2] * z + step[j, 3])
+        total = step @ total
+        rounds += 1
+        cosine = 0.5 * (step[0, 0] + step[1, 1] + step[2, 2] - np.float32(1.0))
+        shift_squared = step[0, 3] * step[0, 3] + step[1, 3] * step[1, 3] + step[2, 3] * step[2, 3]
+        if cosine >= _MIN_COSINE and shift_squared <= _MAX_SHIFT_SQUARED:
+            break
+        change = abs(mean - previous)
+        if change < _SAME_ERROR or change / previous < _SAME_SHARE:
+            break
+        previous = mean
+    for j in range(3):
+        for k in range(3):
+            r[j, k] = total[j, k]
+        t[j] = total[j, 3]
+    return rounds
+
+
+@njit(cache=True, nogil=True)
+def _first_pairs(squared: Array) -> tuple[int, float]:
+    """How many pairs, the first ones by index, are kept, and their mean squared distance; squared (n,), m^2."""
+    n = squared.shape[0]
+    low, high = int(np.floor(_SHARE[0] * n)), int(np.floor(_SHARE[1] * n))
+    if high <= low:
+        return 0, 0.0
+    ordered = np.sort(squared)
+    lower = ordered[:low].sum()
+    best, least = 0, np.inf
+    for k in range(low + 1, high + 1):
+        value = (lower + ordered[k - 1]) / k / (k / n) ** (2.0 * LAMBDA)
+        if value < least:
+            best, least = k - 1, value
+    count = int(n * np.float64(np.float32(best / n)))
+    limit = ordered[count]
+    while count > 0 and ordered[count - 1] >= limit:
+        count -= 1
+    return count, squared[:count].mean() if count > 0 else 0.0
