@@ -13,6 +13,8 @@ from pretouch.geometry import Array, Pose, frozen_array
 _HALF = np.random.default_rng(0).standard_normal((512, 6))
 _NORMAL = np.concatenate([_HALF, -_HALF])
 _MAX_POINTS = 64
+_SUREST = 1e-6
+"""m or rad: the square of a much smaller deviation would be lost among the rounding errors of the others."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +32,9 @@ class Prior:
     def __post_init__(self) -> None:
         for name in ("translation_std", "rotation_std"):
             value = float(frozen_array(getattr(self, name), (), f"prior.{name}"))
-            if not 0 < value <= 1:
+            if not _SUREST <= value <= 1:
                 raise InvalidInput(
-                    f"prior.{name} is {value:g}.", "Need a standard deviation above 0, at most 1 (m or rad)."
+                    f"prior.{name} is {value:g}.", f"Need a standard deviation of {_SUREST:g} to 1 (m or rad)."
                 )
             object.__setattr__(self, name, value)
 

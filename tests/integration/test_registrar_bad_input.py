@@ -111,7 +111,7 @@ N = len(SCANS[0])
 PRIORS = [
     (f"settings.prior.{name}", value)
     for name in ("translation_std", "rotation_std")
-    for value in (0.0, -0.01, float("nan"), float("inf"), -float("inf"), 1e3)
+    for value in (0.0, -0.01, 1e-300, 1e-9, float("nan"), float("inf"), -float("inf"), 1e3)
 ]
 
 
@@ -293,6 +293,20 @@ def test_misses_over_the_object_make_nothing_certain(stub: RegistrarServiceStub)
     answer = both(stub, [misses(0.05)])
     assert answer.inliers == 0
     assert answer.error_quantile > 0.6 * BEFORE.error_quantile
+
+
+@pytest.mark.parametrize(("translation", "rotation"), [(1e-6, 1e-6), (1e-6, 1.0), (1.0, 1e-6), (1.0, 1.0)])
+def test_the_surest_and_the_widest_prior_are_answered(
+    stub: RegistrarServiceStub, translation: float, rotation: float
+) -> None:
+    message = request(scans=SCANS)
+    message.settings.prior.translation_std, message.settings.prior.rotation_std = translation, rotation
+    answer = estimate_from_proto(stub.Register(message, timeout=TIMEOUT).estimate)
+    assert np.isfinite(answer.covariance).all()
+    assert np.linalg.eigvalsh(answer.covariance).min() > 0
+    std = np.sqrt(np.diag(answer.covariance))
+    assert std[:3].max() <= 1.01 * rotation
+    assert std[3:].max() <= 1.01 * translation
 
 
 def test_the_same_scan_again_tells_nothing_new(stub: RegistrarServiceStub) -> None:
