@@ -13,6 +13,7 @@ from google.protobuf.message import Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_cases import blind_scans, mesh_target_of
+from pretouch_registrar.engines import Engine
 from pretouch_registrar.mesh_scene import mesh_scene
 from pretouch_registrar.registration import Settings, register
 from pretouch_simulation.objects import MAKERS
@@ -258,6 +259,16 @@ def test_scans_thirty_centimetres_away_leave_the_prior(stub: RegistrarServiceStu
     assert answer.expected_error > 0.9 * BEFORE.expected_error
     assert answer.error_quantile > 0.9 * BEFORE.error_quantile
     assert moved(answer) < 0.5 * BEFORE.expected_error
+
+
+@pytest.mark.parametrize("engine", list(Engine))
+@pytest.mark.parametrize("offset", [(0.15, 0.0, 0.0), (0.0, -0.15, 0.0), (0.0, 0.0, 0.1), (0.0, 0.0, 0.15)], ids=str)
+def test_a_match_that_contradicts_the_prior_is_no_certain_one(engine: Engine, offset: tuple[float, ...]) -> None:
+    rng = np.random.default_rng(0)
+    scans = [Scan.of_points(SCENE.cloud[rng.choice(len(SCENE.cloud), 100)] + offset, DOWN) for _ in range(4)]
+    answer = register(SCENE, scans, Settings(engine=engine))
+    assert answer.expected_error > 0.65 * BEFORE.expected_error
+    assert answer.error_quantile > 0.5 * moved(answer)
 
 
 def misses(height: float) -> Scan:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from pretouch_registrar.prediction import predicted_covariance
 from pretouch_registrar.recent import Recent
 from pretouch_registrar.weak import weak_directions
 
+_CONTRADICTION = 3.5
+"""Standard deviations of the prior, per axis, beyond which a correction contradicts it."""
 _THREADS = 2
 """Threads that predict candidates: the kernels run without Python's lock."""
 
@@ -96,7 +98,15 @@ def _solve(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Pro
     problem = pose_problem(model, scans, settings.prior, settings.sensor)
     if not scans:
         return problem, Solution(np.zeros(6), settings.prior.covariance())
-    return problem, SOLVERS[settings.engine](problem)
+    return problem, _doubted(SOLVERS[settings.engine](problem), settings.prior)
+
+
+def _doubted(solution: Solution, prior: Prior) -> Solution:
+    """Where samples and prior contradict each other one of them is wrong: as uncertain as they lie apart."""
+    sigmas = np.abs(solution.x) / np.sqrt(np.diag(prior.covariance()))
+    if sigmas.max() <= _CONTRADICTION:
+        return solution
+    return replace(solution, covariance=solution.covariance + np.outer(solution.x, solution.x))
 
 
 def _evidence(scene: Scene, scans: Sequence[Scan], settings: Settings) -> list[Scan]:
