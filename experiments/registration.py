@@ -48,6 +48,8 @@ ENGINES = [*(engine for engine in Engine if engine is not Engine.POSTERIOR), Eng
 SCANS_TOLD, SCANS_DRAWN, SCANS_FAILED = (0, 1, 2, 3, 5), (1, 2, 4), (1, 3)
 """After how many scans: lines of the tables; lines of the pictures; worst runs."""
 WORST = 5
+PEER = "map"
+"""The engine that the last one is compared with by object."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ def _results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> 
     for other in engines[:-1]:
         pairs = compared(runs, told[-1], subject, other)
         objects[other] = [asdict(pair) for pair in pairs]
-        if other == engines[-2]:
+        if other == (PEER if PEER in engines[:-1] else engines[-2]):
             lines.append(f"### By object, after scan {told[-1]}\n\n{comparison_table(pairs, subject, other)}")
     pictures = {"reliability": save_reliability, "expected": save_expected_errors}
     titles = {"reliability": "Stated regions", "expected": "Stated errors"}
