@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import hashlib
 import json
 import os
 import sys
@@ -33,6 +32,7 @@ from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.protocol import Case, generator, hidden_offset, make_case
 from pretouch_simulation.scanning import scan_along
+from pretouch_simulation.split import Split
 from rich.console import Console
 from rich.progress import track
 from scipy.stats import spearmanr
@@ -102,7 +102,7 @@ class Comparison:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--meshes", type=Path, default=SHARED / "data" / "meshes" / "train")
-    parser.add_argument("--split", choices=["development", "validation"], default="validation")
+    parser.add_argument("--split", type=Split, choices=list(Split), default=Split.VALIDATION)
     parser.add_argument("--scenes", type=int, default=12)
     parser.add_argument("--offsets", type=int, default=8)
     parser.add_argument("--candidates", type=int, default=12)
@@ -124,7 +124,7 @@ def run(arguments: argparse.Namespace) -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     content = {
         "command": " ".join(["python", "experiments/prediction.py", *sys.argv[1:]]),
-        "split": arguments.split,
+        "split": arguments.split.value,
         "seed": arguments.seed,
         "rows": [asdict(comparison) for comparison in comparisons],
     }
@@ -134,14 +134,12 @@ def run(arguments: argparse.Namespace) -> None:
     print(table)
 
 
-def views_of(folder: Path, split: str, candidates: int, seed: int) -> Iterable[View]:
+def views_of(folder: Path, split: Split, candidates: int, seed: int) -> Iterable[View]:
     """Views of the split's meshes in an order fixed by their names, those left out that have too few candidates."""
-    digests = {path: hashlib.blake2b(path.stem.encode(), digest_size=8).hexdigest() for path in meshes_in(folder)}
-    for path, digest in sorted(digests.items(), key=lambda item: item[1]):
-        if (int(digest[-1], 16) % 4 == 0) == (split == "validation"):
-            view = view_of(make_case(path.stem, load_mesh(path), 0, seed), candidates)
-            if view is not None:
-                yield view
+    for path in meshes_in(folder, split=split):
+        view = view_of(make_case(path.stem, load_mesh(path), 0, seed), candidates)
+        if view is not None:
+            yield view
 
 
 def view_of(case: Case, candidates: int) -> View | None:
@@ -243,7 +241,7 @@ def sessions(view: View, stage: int, offsets: int, seed: int) -> Iterable[Sessio
         yield session
 
 
-def markdown(comparisons: Sequence[Comparison], split: str, seed: int) -> str:
+def markdown(comparisons: Sequence[Comparison], split: Split, seed: int) -> str:
     """A line for each number of scans made before; errors in centimetres."""
     sizes = np.shape(comparisons[0].achieved)
     lines = [
