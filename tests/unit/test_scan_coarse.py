@@ -20,8 +20,16 @@ TRUTH = Pose.from_rotation_vector((0.02, -0.02, 0.05), (0.01, -0.008, 0.012))
 
 
 def test_a_view_of_usual_size_is_left_alone() -> None:
-    scene = WORLD.scene(KINECT)
+    scene = WORLD.scene(KINECT).cropped(0.1)[0]
     assert coarse(scene) is scene
+
+
+def test_a_whole_image_is_cut_to_the_object_and_answered_alike() -> None:
+    whole = WORLD.scene(KINECT)
+    cut = coarse(whole)
+    assert cut.mask.size < whole.mask.size / 2
+    assert cut.mask.sum() == whole.mask.sum()
+    np.testing.assert_allclose(cut.cloud, whole.cloud, atol=1e-9)
 
 
 @pytest.mark.parametrize("most", [100_000, 20_000, 3_000])

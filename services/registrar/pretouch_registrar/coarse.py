@@ -7,7 +7,7 @@ import numpy as np
 from pretouch.camera import Camera, DepthImage
 from pretouch.scene import Scene
 
-MOST_PIXELS = 500_000
+MOST_PIXELS = 150_000
 """Of an image; a larger one is cut to what surrounds the object."""
 MOST_OBJECT_PIXELS = 100_000
 """Pixels of the object; of more, every second is kept in each direction, or every third, and so on."""

@@ -25,9 +25,9 @@ def near_object(scene: Scene, scan: Scan, prior: Prior, sensor: Sensor) -> Scan:
     distance = np.linalg.norm(relative + along[:, None] * scan.directions, axis=1)
     extent = float(np.linalg.norm(scene.cloud - scene.centroid, axis=1).max())
     reach = extent + _SIGMAS * np.sqrt(3.0) * (prior.translation_std + prior.rotation_std * extent) + _AROUND
-    rows = np.column_stack([scan.origins, scan.directions, scan.ranges])
+    rows = np.column_stack([scan.origins, scan.directions, np.where(hit, scan.ranges, -1.0)])
     distinct = np.zeros(len(scan), dtype=bool)
-    distinct[np.unique(rows, axis=0, return_index=True, equal_nan=True)[1]] = True
+    distinct[np.unique(rows, axis=0, return_index=True)[1]] = True
     kept = distinct & (distance <= reach)
     if kept.all():
         return scan
