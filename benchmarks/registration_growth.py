@@ -1,9 +1,9 @@
 """How the time of a match grows with samples and with target points: figures and a picture.
 
 `python -m benchmarks.registration_growth --out DIR [--repeats R]` writes growth.json and growth.png: the median time of
-a match, the target's index built anew each time, with slopes fitted in log-log scale. A wavy surface of 10 cm is matched
-after a shift of 5 mm and a turn of 3 degrees; noise 1.5 mm; samples grow at 5,000 target points, target points at 150
-samples.
+a match, the target's index built anew each time, with slopes fitted in log-log scale. A wavy surface of 10 cm is
+matched after a shift of 5 mm and a turn of 3 degrees; noise 1.5 mm; samples grow at 5,000 target points, target points
+at 150 samples.
 """
 
 from __future__ import annotations

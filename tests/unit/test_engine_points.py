@@ -109,10 +109,12 @@ def test_map_finds_the_height_and_its_region_holds_the_truth_along_the_flat_top_
 
 
 @pytest.mark.parametrize("engine", [Engine.PAPER, Engine.PCL])
-def test_engines_without_an_uncertainty_state_the_priors_and_predict_no_gain(scene: Scene, engine: Engine) -> None:
+def test_engines_without_an_uncertainty_state_the_priors_at_least_and_predict_no_gain(
+    scene: Scene, engine: Engine
+) -> None:
     _, scans = scanned(scene, (0.0, 0.0, 0.01))
     answer = register(scene, scans, Settings(engine=engine))
-    np.testing.assert_array_equal(answer.covariance, Prior().covariance())
+    assert np.linalg.eigvalsh(answer.covariance - Prior().covariance()).min() > -1e-9
     assert predict(scene, scans, Settings(engine=engine), PATHS[:2]) == [answer.expected_error] * 2
 
 

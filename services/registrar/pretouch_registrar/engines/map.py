@@ -30,7 +30,9 @@ _ANNEALING = np.array([4.0, 2.0, 1.0])
 """Factors by which the noise is widened in turn."""
 _ROUNDS = 15
 """Steps at each factor, at most."""
-_STILL = 2e-5
+_FEWEST = 25
+"""Steps at a noise widened k times take every k-th return, but no fewer than this."""
+_STILL = 1e-4
 """m: a step that moves the object by less ends the steps at a factor."""
 _CAP = 1.0
 """Half a pair's squared distance over the noise's at which the pair counts a quarter."""
@@ -89,21 +91,21 @@ def match(
         prior: (6,) inverse variances of the correction.
         noise: m, standard deviation of one distance.
     """
-    n = source.shape[0]
-    pairs = no_pairs(n)
-    carried = np.empty((n, 3))
     information, gradient = np.empty((6, 6)), np.empty(6)
-    weights = np.full(n, min(1.0, WORTH / max(n, 1)))
     radius = 0.0
-    for i in range(n):
+    for i in range(source.shape[0]):
         radius = max(radius, np.sqrt(((source[i] - centroid) ** 2).sum()))
     for factor in _ANNEALING:
+        step_over = max(1, min(int(factor), source.shape[0] // _FEWEST))
+        some = source[::step_over].copy()
+        weights = np.full(some.shape[0], min(1.0, WORTH / max(source.shape[0], 1)) * step_over)
+        pairs, carried = no_pairs(some.shape[0]), np.empty(some.shape)
         for _ in range(_ROUNDS):
             r = rotation_of(x[:3])
-            _carry_back(r, x, source, centroid, carried)
+            _carry_back(r, x, some, centroid, carried)
             find(carried, index, MAX_DISTANCE, pairs)
             _equations(
-                r, x, source, weights, carried, index.points, normals, pairs.neighbour, pairs.distance, centroid,
+                r, x, some, weights, carried, index.points, normals, pairs.neighbour, pairs.distance, centroid,
                 noise * factor, information, gradient,
             )  # fmt: skip
             for k in range(6):
