@@ -7,35 +7,31 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.agreement import BELOW, Problem, cell_of, project, rotation_of
-from pretouch_registrar.engines.camera_model import CELL, INSIDE, KIND, OBJECT, PLANE, TOP
+from pretouch_registrar.engines.agreement import Problem, project, rotation_of
+from pretouch_registrar.engines.camera_model import KIND, OBJECT, PLANE
 
-UNKNOWN = -1.0
-"""The range of a beam that ends where the camera cannot tell."""
 _REACH = 0.012
 """m: a beam that is seen this far behind a surface has not pierced it there; it has gone past its edge."""
 _PACE = 0.0015
-"""m along the beam between two looks; half a cell, and less than a pixel."""
+"""m along the beam between two looks."""
 
 
 def cast(problem: Problem, truths: Array, origins: Array, directions: Array, range_min: float) -> Array:
     """Ranges (t, n), m, of beams (n, 3), (n, 3) if the corrections `truths` (t, 6) were right; inf is a miss.
 
     A beam ends where it dips behind the seen surface, or at the table's plane. Through what the camera could not see it
-    goes on: behind an object is mostly its table. Only under the object itself, as seen from above, it is `UNKNOWN`
-    what it meets.
+    goes on: behind an object is mostly its table.
     """
-    model = problem.model
-    return _cast(
-        truths, origins, directions, range_min, problem.centroid, problem.optics, problem.table, model.pixels,
-        model.footprint, model.frame,
-    )  # fmt: skip
+    ranges: Array = _cast(
+        truths, origins, directions, range_min, problem.centroid, problem.optics, problem.table, problem.model.pixels
+    )
+    return ranges
 
 
 @njit(cache=True, nogil=True)
 def _cast(
     truths: Array, origins: Array, directions: Array, range_min: float, centroid: Array, optics: Array, table: Array,
-    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
+    pixels: NDArray[np.float32],
 ) -> Array:  # fmt: skip
     result = np.full((truths.shape[0], origins.shape[0]), np.inf)
     for k in range(truths.shape[0]):
@@ -54,9 +50,7 @@ def _cast(
             while travelled < optics[16]:
                 p0, p1, p2 = q0 + travelled * d0, q1 + travelled * d1, q2 + travelled * d2
                 if table[0] * p0 + table[1] * p1 + table[2] * p2 <= table[3]:
-                    a, b = cell_of(p0, p1, p2, footprint, frame)
-                    under = a >= 0 and footprint[a, b, TOP] > BELOW and footprint[a, b, INSIDE] > CELL
-                    result[k, n] = UNKNOWN if under else travelled
+                    result[k, n] = travelled
                     break
                 u, v, depth = project(p0, p1, p2, optics)
                 i, j = int(np.floor(v + 0.5)), int(np.floor(u + 0.5))

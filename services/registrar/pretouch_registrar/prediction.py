@@ -12,12 +12,12 @@ from scipy.stats import norm, qmc
 from pretouch.geometry import Array
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
-from pretouch_registrar.cast import UNKNOWN, cast
+from pretouch_registrar.cast import cast
 from pretouch_registrar.engines.agreement import Problem, beam_rows, costs, normal_equations
 from pretouch_registrar.engines.posterior import OVERCONFIDENCE
 
-_TRUTHS = 16
-"""Corrections drawn from the estimate that are taken as the truth in turn; half of them do once a scan was made."""
+_TRUTHS, _TRUTHS_AFTER = 12, 8
+"""Corrections drawn from the estimate that are taken as the truth in turn, before the first scan and after it."""
 _BEAMS = 30
 """Beams of a candidate that are simulated; about as many samples as the engine takes to be independent."""
 _ROUNDS = 2
@@ -33,12 +33,11 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
     scan that may miss the object is worth what it leaves uncertain then.
     """
     origins, directions = _beams(path, sensor)
-    draws = _truths()[:: 2 if len(problem.beams) else 1]
+    draws = _draws(_TRUTHS_AFTER if len(problem.beams) else _TRUTHS)
     truths = x + draws @ np.linalg.cholesky(covariance).T
     ranges = cast(problem, truths, origins, directions, sensor.range_min)
-    returned = np.where((ranges >= 0) & (ranges <= sensor.range_max), ranges, np.nan)
+    returned = np.where(ranges <= sensor.range_max, ranges, np.nan)
     rows = beam_rows([Scan(origins, directions, each) for each in returned], sensor).reshape(*ranges.shape, -1)
-    rows[..., 7] *= ranges != UNKNOWN
     precision = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     mean: Array = _mean_covariance(truths, precision, rows, *_curvature_draws(), problem.arguments()[1:])
     return mean
@@ -54,9 +53,9 @@ def _beams(path: Trajectory, sensor: Sensor) -> tuple[Array, Array]:
 
 
 @cache
-def _truths() -> Array:
-    """(_TRUTHS, 6) standard normal draws, spread evenly, each with its opposite."""
-    half = norm.ppf(0.001 + 0.998 * qmc.Sobol(6, seed=3).random(_TRUTHS // 2))
+def _draws(count: int) -> Array:
+    """(count, 6) standard normal draws, spread evenly, each with its opposite; `count` is even, at most 16."""
+    half = norm.ppf(0.001 + 0.998 * qmc.Sobol(6, seed=3).random(8))[: count // 2]
     return np.concatenate([half, -half])
 
 

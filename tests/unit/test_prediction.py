@@ -1,0 +1,113 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pretouch_registrar.cast import cast
+from pretouch_registrar.engines import camera_model
+from pretouch_registrar.engines.agreement import Problem, pose_problem
+from pretouch_registrar.prediction import predicted_covariance
+from pretouch_registrar.registration import Settings, predict
+from scenes import KINECT, Box, World
+
+from pretouch.camera import DepthImage
+from pretouch.estimate import Prior, point_error
+from pretouch.geometry import Pose
+from pretouch.tof import Scan, Sensor
+from pretouch.trajectory import Trajectory
+
+SENSOR = Sensor()
+BOX = World((Box.standing((0.10, 0.06, 0.05), (0.0, 0.0), 0.4),))
+PRIOR = Prior()
+LIFTED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.01])
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    scene = BOX.scene(KINECT).cropped(0.1)[0]
+    return pose_problem(camera_model.build(scene), [], PRIOR, SENSOR)
+
+
+def line(start: tuple[float, float], end: tuple[float, float], height: float = 0.085) -> Trajectory:
+    """A straight path at constant height above the table, beam down, 5 cm/s."""
+    tip = np.tile(np.eye(4), (2, 1, 1))
+    tip[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    tip[:, :3, 3] = [(*start, height), (*end, height)]
+    return Trajectory(np.array([0.0, np.hypot(end[0] - start[0], end[1] - start[1]) / 0.05]), tip)
+
+
+ACROSS = line((-0.09, -0.02), (0.09, 0.03))
+TOP = line((-0.01, 0.0), (0.01, 0.005))
+TABLE = line((-0.08, 0.09), (0.08, 0.09))
+
+
+def beams(path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    poses = path.sampled(SENSOR.rate).base_T_tip
+    return np.ascontiguousarray(poses[:, :3, 3]), np.ascontiguousarray(poses[:, :3, 2])
+
+
+def left(problem: Problem, path: Trajectory) -> np.ndarray:
+    return predicted_covariance(problem, np.zeros(6), PRIOR.covariance(), path, SENSOR)
+
+
+def test_a_simulated_beam_ends_where_a_real_one_does_wherever_the_camera_saw(problem: Problem) -> None:
+    origins, directions = beams(ACROSS)
+    simulated = cast(problem, np.zeros((1, 6)), origins, directions, SENSOR.range_min)[0]
+    real = BOX.cast(origins, directions)[0]
+    assert (np.abs(simulated - real) < 0.004).mean() > 0.9
+    assert {True, False} == set(real < 0.05)
+
+
+def test_under_a_lifted_truth_every_beam_is_shorter_by_as_much(problem: Problem) -> None:
+    origins, directions = beams(TOP)
+    where, lifted = cast(problem, np.stack([np.zeros(6), LIFTED]), origins, directions, SENSOR.range_min)
+    np.testing.assert_allclose(where - lifted, 0.01, atol=0.002)
+
+
+def test_a_beam_whose_table_is_out_of_range_is_a_miss(problem: Problem) -> None:
+    high = line((-0.08, 0.09), (0.08, 0.09), height=0.12)
+    assert np.isinf(cast(problem, np.zeros((1, 6)), *beams(high), SENSOR.range_min)).all()
+
+
+def test_a_small_hole_in_the_object_s_depth_is_not_taken_for_table() -> None:
+    scene = BOX.scene(KINECT).cropped(0.1)[0]
+    hole = scene.mask & (np.linalg.norm(scene.organised - (0.0, 0.0, 0.05), axis=-1) < 0.005)
+    assert hole.sum() > 10
+    holed = replace(scene, depth=DepthImage(np.where(hole, 0, scene.depth.metres)))
+    problem = pose_problem(camera_model.build(holed), [], PRIOR, SENSOR)
+    origin, down = np.array([[0.0, 0.0, 0.085]]), np.array([[0.0, 0.0, -1.0]])
+    assert cast(problem, np.zeros((1, 6)), origin, down, SENSOR.range_min)[0, 0] == pytest.approx(0.035, abs=0.013)
+
+
+def test_a_path_over_bare_table_tells_its_height_and_nothing_sideways(problem: Problem) -> None:
+    before, after = np.sqrt(np.diag(PRIOR.covariance())), np.sqrt(np.diag(left(problem, TABLE)))
+    assert after[5] < 0.8 * before[5]
+    assert (after[3:5] > 0.75 * before[3:5]).all()
+
+
+def test_a_path_across_the_edges_leaves_less_than_one_on_the_top_and_that_less_than_none(problem: Problem) -> None:
+    cloud = problem.model.scene.cloud
+    none, top, across = (
+        point_error(covariance, cloud, problem.centroid)[0]
+        for covariance in (PRIOR.covariance(), left(problem, TOP), left(problem, ACROSS))
+    )
+    assert across < 0.9 * top < 0.9 * none
+
+
+def test_a_predicted_covariance_is_one(problem: Problem) -> None:
+    covariance = left(problem, ACROSS)
+    np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+    assert (np.linalg.eigvalsh(PRIOR.covariance() - covariance) > -1e-9).all()
+
+
+def test_the_number_of_modules_does_not_overstate_what_a_scan_tells(problem: Problem) -> None:
+    hand = replace(SENSOR, tip_T_module=(Pose.identity(),) * 3)
+    many = predicted_covariance(problem, np.zeros(6), PRIOR.covariance(), ACROSS, hand)
+    np.testing.assert_allclose(np.diag(many), np.diag(left(problem, ACROSS)), rtol=0.3)
+
+
+def test_the_same_scan_again_is_foreseen_to_tell_less_than_a_new_one() -> None:
+    scene = BOX.scene(KINECT, np.random.default_rng(5)).cropped(0.1)[0]
+    first: list[Scan] = [BOX.scanned(ACROSS, SENSOR, np.random.default_rng(0)).beams(SENSOR)]
+    again, new = predict(scene, first, Settings(), [ACROSS, line((0.02, -0.08), (-0.03, 0.08))])
+    assert new < again
