@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from pretouch_registrar.engines import SOLVERS, Engine, camera_model, icp, pcl
 from pretouch_registrar.engines import map as most_probable
-from pretouch_registrar.engines.agreement import pose_problem
 from pretouch_registrar.engines.neighbours import Index, index_of
+from pretouch_registrar.engines.problem import pose_problem
 from pretouch_registrar.engines.solution import pose_of
 
 from benchmarks import registration_peers as peers

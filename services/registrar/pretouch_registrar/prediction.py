@@ -13,8 +13,9 @@ from pretouch.geometry import Array
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.cast import cast
-from pretouch_registrar.engines.agreement import Problem, beam_rows, costs, normal_equations
-from pretouch_registrar.engines.posterior import OVERCONFIDENCE
+from pretouch_registrar.engines.agreement import costs, normal_equations
+from pretouch_registrar.engines.posterior import temperature
+from pretouch_registrar.engines.problem import Problem, beam_rows
 
 _TRUTHS, _TRUTHS_AFTER = 12, 8
 """Corrections drawn from the estimate that are taken as the truth in turn, before the first scan and after it."""
@@ -38,8 +39,9 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
     ranges = cast(problem, truths, origins, directions, sensor.range_min)
     returned = np.where(ranges <= sensor.range_max, ranges, np.nan)
     rows = beam_rows([Scan(origins, directions, each) for each in returned], sensor).reshape(*ranges.shape, -1)
+    cold = temperature(np.concatenate([problem.beams, rows[0]]))
     precision = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
-    mean: Array = _mean_covariance(truths, precision, rows, *_curvature_draws(), problem.arguments()[1:])
+    mean: Array = _mean_covariance(truths, precision, rows, cold, *_curvature_draws(), problem.arguments()[1:])
     return mean
 
 
@@ -70,9 +72,11 @@ def _curvature_draws() -> tuple[Array, Array]:
 
 @njit(cache=True, nogil=True)
 def _mean_covariance(
-    truths: Array, precision: Array, rows: Array, draws: Array, fit: Array, scene: tuple[Any, ...]
+    truths: Array, precision: Array, rows: Array, cold: float, draws: Array, fit: Array, scene: tuple[Any, ...]
 ) -> Array:
-    """Mean (6, 6) over truths (t, 6) of the covariance that beams `rows` (t, n, 8) leave of inverse `precision`.
+    """Mean (6, 6) over truths (t, 6) of the covariance that beams `rows` (t, n, 9) leave of inverse `precision`.
+
+    Costs are divided by `cold`.
 
     `scene` is what the kernels of `agreement` take after the beams. The cost's curvature is taken over the spread of a
     covariance, at first four times that of the derivatives, which see neither the edges nor where the cost saturates,
@@ -82,7 +86,7 @@ def _mean_covariance(
     total = np.zeros((6, 6))
     for k in range(truths.shape[0]):
         information, _, _ = normal_equations(truths[k], 1.0, free, rows[k], *scene)
-        covariance = np.linalg.inv(information / (4 * OVERCONFIDENCE) + precision)
+        covariance = np.linalg.inv(information / (4 * cold) + precision)
         for _ in range(_ROUNDS):
             root = np.linalg.cholesky(covariance)
             spread = draws @ root.T
@@ -96,7 +100,7 @@ def _mean_covariance(
                     hessian[j, i] += coefficients[n]
                     n += 1
             values, turn = np.linalg.eigh(hessian)
-            hessian = (turn * np.maximum(values, 0.0)) @ turn.T / OVERCONFIDENCE
+            hessian = (turn * np.maximum(values, 0.0)) @ turn.T / cold
             whiten = np.linalg.inv(root)
             covariance = np.linalg.inv(whiten.T @ hessian @ whiten + precision)
         total += covariance

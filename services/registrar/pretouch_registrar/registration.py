@@ -15,8 +15,9 @@ from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.coarse import coarse
 from pretouch_registrar.engines import SOLVERS, Engine, camera_model
-from pretouch_registrar.engines.agreement import Problem, pose_problem, sample_residuals
+from pretouch_registrar.engines.agreement import sample_residuals
 from pretouch_registrar.engines.camera_model import CameraModel
+from pretouch_registrar.engines.problem import Problem, pose_problem
 from pretouch_registrar.engines.solution import Solution, pose_of
 from pretouch_registrar.evidence import near_object
 from pretouch_registrar.prediction import predicted_covariance

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from pretouch_registrar.engines import map as most_probable
 from pretouch_registrar.engines import paper, pcl, posterior
-from pretouch_registrar.engines.agreement import Problem
+from pretouch_registrar.engines.problem import Problem
 from pretouch_registrar.engines.solution import Solution
 
 

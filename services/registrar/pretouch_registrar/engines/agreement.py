@@ -8,26 +8,26 @@ carried back to where the camera would have put it and explained in the cheaper 
   rim, the front one beside it will do as well;
 - by the table: its height above it.
 
-A point below a seen part of the object has no business there, since its beam came from above: it also pays for how far
-inside the object's footprint it lies. Behind a seen surface, but not below it, may be a hidden side: that disagreement
-is capped low. In front of it the camera would have seen it: capped high. A miss pays like a point below a seen part.
+A point whose beam came in through a seen part of the object has no business there: it also pays for how far inside the
+object's footprint that was. Behind a seen surface, but not below it, may be a hidden side: that disagreement is capped
+low. In front of it the camera would have seen it: capped high. A miss pays like a point below a seen part. A surface
+seen edge-on by the beam explains little, since the beam could have ended anywhere along it, and costs `STEEP` at most.
 
-Costs saturate smoothly, cost = cap s / (cap + s) with s = half the squared normalised residual (Geman-McClure).
+A wide beam is compared by its range instead, with the mean range over its cone (`cone.mean_range`).
+
+Costs saturate smoothly, cost = beyond + cap s / (cap + s) with s = half the squared normalised residual
+(Geman-McClure).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array
-from pretouch.tof import Scan, Sensor
 from pretouch_registrar.engines.camera_model import (
     CELL,
     FRONT_PLANE,
@@ -43,91 +43,31 @@ from pretouch_registrar.engines.camera_model import (
     TO_SURFACE,
     TOP,
     UNSEEN,
-    CameraModel,
 )  # fmt: skip
+from pretouch_registrar.engines.cone import mean_range
+from pretouch_registrar.engines.problem import Problem
 
+PRIOR_FLAT = 1.65
+"""Standard deviations of the prior up to which a correction costs next to nothing: calibration errors are bounded
+rather than normal, and a uniform error's bound is sqrt 3 of its standard deviations."""
+PRIOR_WALL = 0.4
+"""Standard deviations over which the prior falls off beyond."""
+PRIOR_SAG = 0.1
+"""Share of a normal prior's cost within."""
+STEEP = 1.7
+"""Most that a surface seen edge-on costs: a beam along a wall may end anywhere on it, so that its range says little."""
+CONE_SPREAD = 0.25
+"""Share of the spread of the paths in a cone that its mean may be wrong by."""
+_SHIFT, _TURN = 0.001, 0.012
+"""m and rad: steps of the differences that stand for a wide beam's derivatives."""
 CAP_FRONT = 4.5
-CAP_BEHIND = 1.4
-SURFACE_STD = 0.0020
-"""m: how well a smoothed surface point of the camera is known, as one local patch."""
-EDGE_STD = 0.0025
-"""m: how well the silhouette is known, laterally."""
+CAP_BEHIND = 1.8
 EDGE_SLACK_PX = 0.7
 """A silhouette is known to about this many pixels: lateral distances below it cost nothing."""
 FOOTPRINT_SLACK = 0.0015
 """m: likewise for the footprint's outline, half a cell."""
 BELOW = 0.006
 """m: a point this far below a seen part of the object is below it, whatever the noise."""
-EFFECTIVE_SAMPLES = 30.0
-"""Independent samples that one scan is worth: neighbours share the model's error."""
-_PATCH = 0.009
-"""m along a scan over which the camera's error stays the same."""
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """One scene's model and the scans, packed for the compiled kernels.
-
-    Attributes:
-        beams: (n, 8): point of the return or start of the beam (3), direction (3), 1 for a return else 0, weight.
-        optics: (17,): camera rotation (9), position (3), fx, fy, cx, cy, range_max.
-        table: (4,): normal (3), offset.
-        noise: (3,): standard deviations of surface, table and edge residuals, m.
-        prior: (6,) inverse variances, order (w, d).
-    """
-
-    model: CameraModel
-    beams: Array
-    optics: Array
-    table: Array
-    noise: Array
-    prior: Array
-    centroid: Array
-
-    def arguments(self) -> tuple[Any, ...]:
-        """What every kernel takes after the pose."""
-        m = self.model
-        return self.beams, self.centroid, self.optics, self.table, self.noise, m.pixels, m.footprint, m.frame
-
-
-def beam_rows(scans: Sequence[Scan], sensor: Sensor) -> Array:
-    """The scans as `Problem.beams`; each is worth EFFECTIVE_SAMPLES independent samples at most, however long.
-
-    A wide beam's spots overlap, so that its samples are worth less still.
-    """
-    worth = EFFECTIVE_SAMPLES * _PATCH / (_PATCH + 2 * _spot_radius(sensor))
-    rows = [np.zeros((0, 8))]
-    for scan in scans:
-        hit = scan.returned
-        ends = scan.origins + np.where(hit, scan.ranges, 0.0)[:, None] * scan.directions
-        weight = min(1.0, worth / max(len(scan), 1))
-        rows.append(np.column_stack([ends, scan.directions, hit, np.full(len(scan), weight)]))
-    return np.ascontiguousarray(np.concatenate(rows))
-
-
-def _spot_radius(sensor: Sensor) -> float:
-    """m: radius of the beam's spot in the middle of the sensor's range."""
-    return float(0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle))
-
-
-def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Problem:
-    """Packs a scene's model and its scans for the kernels."""
-    scene = model.scene
-    pose, camera = scene.base_T_camera, scene.camera
-    optics = np.concatenate(
-        [pose.rotation.ravel(), pose.translation, [camera.fx, camera.fy, camera.cx, camera.cy, sensor.range_max]]
-    )
-    spot = _spot_radius(sensor)
-    noise = np.array(
-        [
-            np.hypot(np.hypot(sensor.range_std, SURFACE_STD), spot / 5),
-            np.hypot(np.hypot(sensor.range_std, 0.001), spot / 5),
-            np.hypot(EDGE_STD, spot / 2),
-        ]
-    )
-    table = np.array([*scene.table.normal, scene.table.offset])
-    inverse = np.array([prior.rotation_std**-2.0] * 3 + [prior.translation_std**-2.0] * 3)
-    return Problem(model, beam_rows(scans, sensor), optics, table, noise, inverse, np.array(scene.centroid))
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -197,23 +137,51 @@ def _off_surface(
     return surface, length, e0 / length, e1 / length, e2 / length
 
 
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _pierced(
+    x: float, y: float, z: float, dx: float, dy: float, dz: float, above: float, table: Array,
+    footprint: NDArray[np.float32], frame: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """The footprint's cell through which a beam that ends in (x, y, z), `above` the table, came in; -1, -1: none."""
+    a, b = cell_of(x, y, z, footprint, frame)
+    if a < 0 or footprint[a, b, TOP] <= above + BELOW:
+        return -1, -1
+    fall = -(table[0] * dx + table[1] * dy + table[2] * dz)
+    if fall < 0.5:
+        return -1, -1
+    back = (footprint[a, b, TOP] - above) / fall
+    a, b = cell_of(x - back * dx, y - back * dy, z - back * dz, footprint, frame)
+    if a < 0 or footprint[a, b, TOP] <= above + BELOW:
+        return -1, -1
+    return a, b
+
+
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _at_most(out: Array, limit: float) -> None:
+    """Whoever lies on a surface that was seen is not below it: being below costs no more than lying off does."""
+    if out[8] > limit:
+        for k in range(3):
+            out[9 + k] *= limit / out[8]
+        out[8] = limit
+
+
 @njit(cache=True, nogil=True, fastmath=True)
 def point_residual(
-    x: float, y: float, z: float, optics: Array, table: Array, noise: Array, pixels: NDArray[np.float32],
-    footprint: NDArray[np.float32], frame: Array, out: Array,
-) -> float:  # fmt: skip
+    x: float, y: float, z: float, dx: float, dy: float, dz: float, optics: Array, table: Array, noise: Array,
+    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array, out: Array,
+) -> tuple[float, float]:  # fmt: skip
     """The cheapest explanation of a returned point (x, y, z), where the camera would have put it.
 
     Fills `out` (12,): normalised residual and its gradient by the point, three times (surface or table; within the
-    surface; inside the footprint). Returns the cap.
+    surface; inside the footprint). Returns the cap and what it costs beyond.
     """
     out[4] = 0.0
     out[8] = 0.0
     above = table[0] * x + table[1] * y + table[2] * z - table[3]
     height = above / noise[1]
     below = 0.0
-    a, b = cell_of(x, y, z, footprint, frame)
-    if a >= 0 and footprint[a, b, TOP] > above + BELOW:
+    a, b = _pierced(x, y, z, dx, dy, dz, above, table, footprint, frame)
+    if a >= 0:
         cell = footprint[a, b]
         below = max(cell[INSIDE] - FOOTPRINT_SLACK, 0.0) / noise[2]
         if below > 0:
@@ -226,7 +194,7 @@ def point_residual(
         out[0] = height
         for k in range(3):
             out[1 + k] = table[k] / noise[1]
-        return CAP_BEHIND
+        return CAP_BEHIND, 0.0
     pixel = pixels[i, j]
     slack = EDGE_SLACK_PX * depth / optics[12]
     plane = PLANE
@@ -251,14 +219,18 @@ def point_residual(
         out[0] = height
         for k in range(3):
             out[1 + k] = table[k] / noise[1]
-        return cap
+        _at_most(out, abs(height))
+        return cap, 0.0
+    _at_most(out, np.sqrt(cost))
     out[0] = surface
     for k in range(3):
         out[1 + k] = pixel[plane + k] / noise[0]
+    facing = abs(pixel[plane] * dx + pixel[plane + 1] * dy + pixel[plane + 2] * dz)
+    steep = min(-np.log(max(facing, 0.02)), STEEP) / (noise[3] * noise[3])
     if edge > 0:
         out[4] = edge
         out[5], out[6], out[7] = e0 / noise[2], e1 / noise[2], e2 / noise[2]
-    return cap
+    return cap - steep, steep
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -278,10 +250,48 @@ def _miss_cost(
     return 0.0
 
 
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def prior_cost(x: float, prior: float) -> tuple[float, float, float]:
+    """Cost, slope and curvature of one component of a correction; `prior` is its inverse variance."""
+    scale = np.sqrt(prior)
+    z = x * scale
+    beyond = abs(z) - PRIOR_FLAT
+    cost, slope, bend = 0.5 * PRIOR_SAG * z * z, PRIOR_SAG * z, PRIOR_SAG
+    if beyond > 0:
+        cost += 0.5 * (beyond / PRIOR_WALL) ** 2
+        slope += np.sign(z) * beyond / PRIOR_WALL**2
+        bend += 1.0 / PRIOR_WALL**2
+    return cost, slope * scale, bend * prior
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def cone_residual(
+    x: float, y: float, z: float, dx: float, dy: float, dz: float, hit: float, measured: float,
+    optics: Array, table: Array, noise: Array, rays: Array, footprint: NDArray[np.float32], frame: Array,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Normalised residual of a wide beam that ends in (x, y, z), or begins there if it met nothing; its cap; what it
+    costs beyond: cost = beyond + cap s / (cap + s)."""
+    x, y, z = x - measured * dx, y - measured * dy, z - measured * dz
+    near, far, spread = mean_range(x, y, z, dx, dy, dz, 2.0 * optics[16], rays, table, footprint, frame)
+    if hit == 0:
+        return max(optics[16] - far, 0.0) / noise[1], CAP_FRONT, 0.0
+    widen = CONE_SPREAD * spread
+    variance = noise[0] * noise[0] + widen * widen
+    beyond = 0.5 * np.log(variance / (noise[0] * noise[0]))
+    std = np.sqrt(variance)
+    residual = (measured - far) / std
+    if near < far - 1e-4:
+        s = 0.5 * residual * residual
+        outside = (near - measured) / std
+        if residual < 0 and CAP_FRONT * s / (CAP_FRONT + s) > CAP_BEHIND:
+            return max(outside, 0.0), CAP_FRONT - CAP_BEHIND, beyond + CAP_BEHIND
+    return residual, CAP_FRONT, beyond
+
+
 @njit(cache=True, nogil=True, fastmath=True)
 def total_cost(
     x: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
-    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
+    rays: Array, pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
 ) -> float:  # fmt: skip
     """Cost of the correction x (6,): weighted samples plus the prior; `factor` widens all noise (annealing)."""
     r = rotation_of(x[:3])
@@ -289,21 +299,27 @@ def total_cost(
     out = np.zeros(12)
     cost = 0.0
     for k in range(6):
-        cost += 0.5 * x[k] * x[k] * prior[k]
+        cost += prior_cost(x[k], prior[k])[0]
     for n in range(beams.shape[0]):
         b = beams[n]
         y0, y1, y2 = b[0] - centroid[0] - x[3], b[1] - centroid[1] - x[4], b[2] - centroid[2] - x[5]
         q0 = r[0, 0] * y0 + r[1, 0] * y1 + r[2, 0] * y2 + centroid[0]
         q1 = r[0, 1] * y0 + r[1, 1] * y1 + r[2, 1] * y2 + centroid[1]
         q2 = r[0, 2] * y0 + r[1, 2] * y1 + r[2, 2] * y2 + centroid[2]
-        if b[6] > 0:
-            cap = point_residual(q0, q1, q2, optics, table, wide, pixels, footprint, frame, out)
+        d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
+        d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
+        d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
+        if rays.shape[0] > 0:
+            e, cap, beyond = cone_residual(
+                q0, q1, q2, d0, d1, d2, b[6], b[8], optics, table, wide, rays, footprint, frame
+            )
+            s = 0.5 * e * e
+            cost += b[7] * (beyond + cap * s / (cap + s))
+        elif b[6] > 0:
+            cap, beyond = point_residual(q0, q1, q2, d0, d1, d2, optics, table, wide, pixels, footprint, frame, out)
             s = 0.5 * (out[0] * out[0] + out[4] * out[4] + out[8] * out[8])
-            cost += b[7] * cap * s / (cap + s)
+            cost += b[7] * (beyond + cap * s / (cap + s))
         else:
-            d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
-            d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
-            d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
             cost += b[7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, table, wide, footprint, frame)
     return cost
 
@@ -311,19 +327,36 @@ def total_cost(
 @njit(cache=True, nogil=True, fastmath=True)
 def costs(
     xs: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
-    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
+    rays: Array, pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
 ) -> Array:  # fmt: skip
     """`total_cost` of each row of xs (m, 6)."""
     result = np.empty(xs.shape[0])
     for m in range(xs.shape[0]):
-        result[m] = total_cost(xs[m], factor, prior, beams, centroid, optics, table, noise, pixels, footprint, frame)
+        result[m] = total_cost(
+            xs[m], factor, prior, beams, centroid, optics, table, noise, rays, pixels, footprint, frame
+        )
     return result
+
+
+def spread_costs(xs: Array, factor: float, problem: Problem) -> Array:
+    """Costs (m,) of corrections xs (m, 6) without the prior, on all threads: the kernels run without Python's lock."""
+    arguments = (factor, np.zeros(6), *problem.arguments())
+    if len(xs) * len(problem.beams) < _WORTH_A_THREAD:
+        return np.asarray(costs(xs, *arguments), dtype=np.float64)
+    parts = _pool.map(lambda part: costs(part, *arguments), np.array_split(np.ascontiguousarray(xs), _THREADS))
+    return np.concatenate(list(parts))
+
+
+_THREADS = 2
+_pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="agreement")
+_WORTH_A_THREAD = 2000
+"""Beams times corrections below which handing out the work takes longer than doing it."""
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def normal_equations(
     x: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
-    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
+    rays: Array, pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """Information (6, 6), gradient (6,) and cost at x for a Gauss-Newton step, robust weights frozen (IRLS)."""
     r = rotation_of(x[:3])
@@ -333,24 +366,57 @@ def normal_equations(
     gradient = np.zeros(6)
     cost = 0.0
     for k in range(6):
-        information[k, k] = prior[k]
-        gradient[k] = prior[k] * x[k]
-        cost += 0.5 * x[k] * x[k] * prior[k]
+        part, gradient[k], information[k, k] = prior_cost(x[k], prior[k])
+        cost += part
     for n in range(beams.shape[0]):
         b = beams[n]
         y0, y1, y2 = b[0] - centroid[0] - x[3], b[1] - centroid[1] - x[4], b[2] - centroid[2] - x[5]
         q0 = r[0, 0] * y0 + r[1, 0] * y1 + r[2, 0] * y2 + centroid[0]
         q1 = r[0, 1] * y0 + r[1, 1] * y1 + r[2, 1] * y2 + centroid[1]
         q2 = r[0, 2] * y0 + r[1, 2] * y1 + r[2, 2] * y2 + centroid[2]
+        d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
+        d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
+        d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
+        if rays.shape[0] > 0:
+            e, cap, beyond = cone_residual(
+                q0, q1, q2, d0, d1, d2, b[6], b[8], optics, table, wide, rays, footprint, frame
+            )
+            s = 0.5 * e * e
+            cost += b[7] * (beyond + cap * s / (cap + s))
+            if e == 0.0:
+                continue
+            weight = b[7] * (cap / (cap + s)) ** 2
+            for k in range(6):
+                t0, t1, t2, e0, e1, e2 = q0, q1, q2, d0, d1, d2
+                if k < 3:
+                    # back through the turn about base axis k: by -_TURN about R' e_k in the camera's placement
+                    a0, a1, a2 = r[k, 0], r[k, 1], r[k, 2]
+                    p0, p1, p2 = q0 - centroid[0], q1 - centroid[1], q2 - centroid[2]
+                    t0 -= _TURN * (a1 * p2 - a2 * p1)
+                    t1 -= _TURN * (a2 * p0 - a0 * p2)
+                    t2 -= _TURN * (a0 * p1 - a1 * p0)
+                    e0 -= _TURN * (a1 * d2 - a2 * d1)
+                    e1 -= _TURN * (a2 * d0 - a0 * d2)
+                    e2 -= _TURN * (a0 * d1 - a1 * d0)
+                    pace = _TURN
+                else:
+                    t0, t1, t2 = t0 - _SHIFT * r[k - 3, 0], t1 - _SHIFT * r[k - 3, 1], t2 - _SHIFT * r[k - 3, 2]
+                    pace = _SHIFT
+                moved, _, _ = cone_residual(
+                    t0, t1, t2, e0, e1, e2, b[6], b[8], optics, table, wide, rays, footprint, frame
+                )
+                row[k] = (moved - e) / pace
+            for k in range(6):
+                gradient[k] += weight * row[k] * e
+                for m in range(6):
+                    information[k, m] += weight * row[k] * row[m]
+            continue
         if b[6] == 0:
-            d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
-            d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
-            d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
             cost += b[7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, table, wide, footprint, frame)
             continue
-        cap = point_residual(q0, q1, q2, optics, table, wide, pixels, footprint, frame, out)
+        cap, beyond = point_residual(q0, q1, q2, d0, d1, d2, optics, table, wide, pixels, footprint, frame, out)
         s = 0.5 * (out[0] * out[0] + out[4] * out[4] + out[8] * out[8])
-        cost += b[7] * cap * s / (cap + s)
+        cost += b[7] * (beyond + cap * s / (cap + s))
         weight = b[7] * (cap / (cap + s)) ** 2
         for part in range(0, 12, 4):
             if out[part] == 0.0:
@@ -370,7 +436,7 @@ def normal_equations(
 @njit(cache=True, nogil=True, fastmath=True)
 def sample_residuals(
     x: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
-    pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
+    rays: Array, pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
 ) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
     """For each beam (n,): its residual along the surface's normal, m, and whether it agrees within 3 sigma.
 
@@ -388,7 +454,10 @@ def sample_residuals(
         q0 = r[0, 0] * y0 + r[1, 0] * y1 + r[2, 0] * y2 + centroid[0]
         q1 = r[0, 1] * y0 + r[1, 1] * y1 + r[2, 1] * y2 + centroid[1]
         q2 = r[0, 2] * y0 + r[1, 2] * y1 + r[2, 2] * y2 + centroid[2]
-        point_residual(q0, q1, q2, optics, table, noise, pixels, footprint, frame, out)
+        d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
+        d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
+        d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
+        point_residual(q0, q1, q2, d0, d1, d2, optics, table, noise, pixels, footprint, frame, out)
         residual[n] = out[0] / np.sqrt(out[1] * out[1] + out[2] * out[2] + out[3] * out[3])
         agrees[n] = out[0] * out[0] + out[4] * out[4] + out[8] * out[8] < 9.0
     return residual, agrees

@@ -31,10 +31,16 @@ _LAYER_GAP = 0.015
 """m: a surface this far before another one that is seen right beside it is a front layer, such as a cup's near rim."""
 _LAYER_REACH = 0.008
 """m across the view in which the two layers are looked for: a depth camera is blind for some pixels between them."""
-TOP, INSIDE, OUTWARD = 0, 1, 2
+TOP, INSIDE, OUTWARD, LOW, HIGH, FACING, NEARBY = 0, 1, 2, 4, 5, 6, 7
 """Where a cell's fields begin, see `CameraModel.footprint`."""
 CELL = 0.003
 """m: side of a cell of the footprint."""
+_AROUND = 14
+"""Cells of the footprint around the object."""
+_LAYER = 0.004
+"""m: points of a cell this far below its highest one belong to the same surface."""
+_CONE = 8
+"""Cells about a cell that a ray may cross before it meets the surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +52,10 @@ class CameraModel:
             camera, d in m), and its point (3), m; where neither the object nor something else is seen, those of the
             nearest object pixel; plane and point of the nearest pixel of the object's front layers,
             NOWHERE without any; distance to the pixel that the plane was taken from, px; the pixel's kind.
-        footprint: (nx, ny, 4) float32, the object seen from above in cells of the table's plane. Per cell: height of
+        footprint: (nx, ny, 8) float32, the object seen from above in cells of the table's plane. Per cell: height of
             the highest seen point above the table, m, below 0 where there is none; distance to the nearest cell
-            without, m; unit vector (x, y) from here towards it.
+            without, m; unit vector (x, y) from here towards it; the lowest and the highest that the surface can be
+            here, m above the table, equal where it was seen; cosine of its slope; the highest it can be nearby.
         frame: (8,): the table's x axis (3) and y axis (3) in base, and the footprint's first corner (x, y), m.
     """
 
@@ -79,7 +86,7 @@ def build(scene: Scene) -> CameraModel:
     layers = _front_layers(metres, mask, round(_LAYER_REACH * px_per_m))
     front = surface[tuple(_nearest(layers)[1])] if layers.any() else np.full(surface.shape, NOWHERE)
     fields = [surface[tuple(nearest)], front, distance[..., None], kind[..., None]]
-    footprint, frame = _footprint(scene, points[mask])
+    footprint, frame = _footprint(scene, points[mask], metres, kind)
     return CameraModel(scene, np.ascontiguousarray(np.concatenate(fields, axis=2), dtype=np.float32), footprint, frame)
 
 
@@ -95,13 +102,15 @@ def _front_layers(metres: Array, mask: NDArray[np.bool_], reach: int) -> NDArray
     return np.asarray(mask & (farthest - metres > _LAYER_GAP))
 
 
-def _footprint(scene: Scene, points: Array) -> tuple[NDArray[np.float32], Array]:
+def _footprint(
+    scene: Scene, points: Array, metres: Array, kind: NDArray[np.int64]
+) -> tuple[NDArray[np.float32], Array]:
     """The object's surface points (n, 3) from above, as `CameraModel.footprint` and `CameraModel.frame`."""
     axes = scene.table.frame().rotation
     xy = points @ axes[:, :2]
-    corner = xy.min(axis=0) - 4 * CELL
+    corner = xy.min(axis=0) - _AROUND * CELL
     cells = np.floor((xy - corner) / CELL).astype(np.int64)
-    top = np.full(tuple(cells.max(axis=0) + 5), -1.0)
+    top = np.full(tuple(cells.max(axis=0) + _AROUND + 1), -1.0)
     np.maximum.at(top, tuple(cells.T), scene.table.height(points))
     seen = top >= 0
     closed = ndimage.binary_closing(seen, iterations=1)
@@ -110,8 +119,56 @@ def _footprint(scene: Scene, points: Array) -> tuple[NDArray[np.float32], Array]
     inside, edge = ndimage.distance_transform_edt(closed, return_indices=True)
     outward = np.moveaxis(edge - np.indices(closed.shape), 0, 2)
     outward = outward / np.maximum(inside, 1e-9)[..., None]
-    fields = np.concatenate([top[..., None], inside[..., None] * CELL, outward], axis=2)
+    upper = _upper_mean(top, cells, scene.table.height(points))
+    low, high = _heights(scene, upper, axes, corner, metres, kind)
+    smooth = ndimage.gaussian_filter(low, 1.0)
+    slope = np.hypot(*np.gradient(smooth, CELL))
+    facing = 1.0 / np.sqrt(1.0 + slope**2)
+    nearby = ndimage.maximum_filter(high, size=2 * _CONE + 1)
+    layers = np.stack([low, high, facing, nearby], axis=2)
+    fields = np.concatenate([top[..., None], inside[..., None] * CELL, outward, layers], axis=2)
     return np.ascontiguousarray(fields, dtype=np.float32), np.concatenate([axes[:, 0], axes[:, 1], corner])
+
+
+def _upper_mean(top: Array, cells: NDArray[np.int64], heights: Array) -> Array:
+    """Mean height of the points near each cell's highest one, where there are any; else `top`: noise raises the top."""
+    near = heights > top[tuple(cells.T)] - _LAYER
+    total, count = np.zeros(top.shape), np.zeros(top.shape)
+    np.add.at(total, tuple(cells[near].T), heights[near])
+    np.add.at(count, tuple(cells[near].T), 1.0)
+    return np.where(count > 0, total / np.maximum(count, 1.0), top)
+
+
+def _heights(
+    scene: Scene, top: Array, axes: Array, corner: Array, metres: Array, kind: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """The lowest and the highest, m above the table, that the surface can be over each cell of `top` (nx, ny).
+
+    Where the camera saw the object they are its height; where it saw the table, 0; in the object's shadow, anything
+    up to the sight line that passes over it.
+    """
+    low = np.maximum(top, 0.0)
+    high = low.copy()
+    i, j = np.nonzero(top < 0)
+    across = corner + (np.stack([i, j], axis=1) + 0.5) * CELL
+    foot = axes[:, :2] @ across.T
+    foot = foot.T + scene.table.normal * (scene.table.offset - foot.T @ scene.table.normal)[:, None]
+    inverse = scene.base_T_camera.inverse()
+    open_ = np.ones(len(i), dtype=bool)
+    bound = np.zeros(len(i))
+    for height in np.arange(0.0, float(top.max()) + CELL, CELL):
+        seen = inverse.apply(foot[open_] + height * scene.table.normal)
+        u, v = np.round(scene.camera.project(seen)).astype(np.int64).T
+        inside = (u >= 0) & (v >= 0) & (u < metres.shape[1]) & (v < metres.shape[0])
+        u, v = np.where(inside, u, 0), np.where(inside, v, 0)
+        behind = inside & (kind[v, u] == OBJECT) & (seen[:, 2] > metres[v, u] + 0.004)
+        still = np.flatnonzero(open_)
+        bound[still[behind]] = height
+        open_[still[~behind]] = False
+        if not open_.any():
+            break
+    high[i, j] = np.maximum(high[i, j], bound)
+    return low, high
 
 
 @njit(cache=True)

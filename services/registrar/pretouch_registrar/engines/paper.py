@@ -11,8 +11,8 @@ import numpy as np
 
 from pretouch.geometry import Array, Pose
 from pretouch_registrar.engines import icp
-from pretouch_registrar.engines.agreement import Problem
 from pretouch_registrar.engines.neighbours import Index, index_of, thinned
+from pretouch_registrar.engines.problem import Problem
 from pretouch_registrar.engines.returns import OncePerModel, fixes_no_turn, object_returns
 from pretouch_registrar.engines.solution import Solution, correction_of
 

@@ -21,9 +21,9 @@ import numpy as np
 from numba import njit
 
 from pretouch.geometry import Array, Pose
-from pretouch_registrar.engines.agreement import Problem
 from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MAX_ROUNDS
 from pretouch_registrar.engines.neighbours import Index, find, index_of, no_pairs, thinned
+from pretouch_registrar.engines.problem import Problem
 from pretouch_registrar.engines.returns import OncePerModel, fixes_no_turn, object_returns
 from pretouch_registrar.engines.rigid import fit
 from pretouch_registrar.engines.solution import Solution, correction_of

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.agreement import Problem
 from pretouch_registrar.engines.camera_model import CameraModel
+from pretouch_registrar.engines.problem import Problem
 
 OBJECT_HEIGHT = 0.01
 """m: returns higher than this above the table are taken to be the object's."""
