@@ -24,8 +24,10 @@ from pretouch_registrar.prediction import predicted_covariance
 from pretouch_registrar.recent import Recent
 from pretouch_registrar.weak import weak_directions
 
-_CONTRADICTION = 3.5
+_CONTRADICTION = 2.6
 """Standard deviations of the prior, per axis, beyond which a correction contradicts it."""
+_AGREEING, _RETURNS = 0.5, 10
+"""Share of the returns that agree with an answer about this object, and returns from which one can tell."""
 _THREADS = 2
 """Threads that predict candidates: the kernels run without Python's lock."""
 
@@ -99,11 +101,21 @@ def _solve(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Pro
     problem = pose_problem(model, scans, settings.prior, settings.sensor)
     if not scans:
         return problem, Solution(np.zeros(6), settings.prior.covariance())
-    return problem, _doubted(SOLVERS[settings.engine](problem), settings.prior)
+    return problem, _doubted(SOLVERS[settings.engine](problem), problem, settings.prior)
 
 
-def _doubted(solution: Solution, prior: Prior) -> Solution:
-    """Where samples and prior contradict each other one of them is wrong: as uncertain as they lie apart."""
+def _doubted(solution: Solution, problem: Problem, prior: Prior) -> Solution:
+    """Less sure of an answer that does not fit.
+
+    Where samples and prior contradict each other one of them is wrong: as uncertain as they lie apart. Where fewer than
+    half of the returns agree with the answer, the samples are not of this object: the fewer, the more of the prior's
+    covariance comes back.
+    """
+    _, agrees = sample_residuals(solution.x, *problem.arguments())
+    hit = problem.beams[:, 6] > 0
+    if hit.sum() >= _RETURNS:
+        missing = max(0.0, 1.0 - float(agrees[hit].mean()) / _AGREEING)
+        solution = replace(solution, covariance=solution.covariance + missing * prior.covariance())
     sigmas = np.abs(solution.x) / np.sqrt(np.diag(prior.covariance()))
     if sigmas.max() <= _CONTRADICTION:
         return solution

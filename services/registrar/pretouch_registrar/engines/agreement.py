@@ -66,11 +66,13 @@ EDGE_SLACK_PX = 0.7
 """A silhouette is known to about this many pixels: lateral distances below it cost nothing."""
 FOOTPRINT_SLACK = 0.0015
 """m: likewise for the footprint's outline, half a cell."""
+ON_SURFACE = 0.5
+"""Squared normalised residual up to which a point is where something was seen, and cannot be below it."""
 BELOW = 0.006
 """m: a point this far below a seen part of the object is below it, whatever the noise."""
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def rotation_of(w: Array) -> Array:
     """exp of a rotation vector (3,), by Rodrigues' formula."""
     angle = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
@@ -102,7 +104,7 @@ def vector_of(r: Array) -> Array:
     return v * (np.arctan2(sine, 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1.0)) / sine)
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def project(x: float, y: float, z: float, o: Array) -> tuple[float, float, float]:
     """(u, v, depth) of a point in base; depth at most 1 mm where it is not in front of the camera."""
     x, y, z = x - o[9], y - o[10], z - o[11]
@@ -114,7 +116,7 @@ def project(x: float, y: float, z: float, o: Array) -> tuple[float, float, float
     return u, v, depth
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def cell_of(x: float, y: float, z: float, footprint: NDArray[np.float32], frame: Array) -> tuple[int, int]:
     """The footprint's cell that a point in base stands over; -1, -1 outside."""
     a = int(np.floor((frame[0] * x + frame[1] * y + frame[2] * z - frame[6]) / CELL))
@@ -124,20 +126,44 @@ def cell_of(x: float, y: float, z: float, footprint: NDArray[np.float32], frame:
     return a, b
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def _off_surface(
-    x: float, y: float, z: float, pixel: NDArray[np.float32], plane: int, point: int
-) -> tuple[float, float, float, float, float]:
-    """Signed distance of a point from a pixel's plane; distance within the plane from its point, and its direction."""
-    surface = pixel[plane] * x + pixel[plane + 1] * y + pixel[plane + 2] * z - pixel[plane + 3]
-    e0 = x - pixel[point] - surface * pixel[plane]
-    e1 = y - pixel[point + 1] - surface * pixel[plane + 1]
-    e2 = z - pixel[point + 2] - surface * pixel[plane + 2]
+    x: float, y: float, z: float, pixels: NDArray[np.float32], i: int, j: int, plane: int
+) -> float:  # fmt: skip
+    """Signed distance of a point from a pixel's plane."""
+    p = pixels
+    return p[i, j, plane] * x + p[i, j, plane + 1] * y + p[i, j, plane + 2] * z - p[i, j, plane + 3]
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+def _within_surface(
+    x: float, y: float, z: float, distance: float, pixels: NDArray[np.float32], i: int, j: int, plane: int, point: int
+) -> tuple[float, float, float, float]:  # fmt: skip
+    """Distance within a pixel's plane from its point, and its direction; `distance` is that from the plane."""
+    e0 = x - pixels[i, j, point] - distance * pixels[i, j, plane]
+    e1 = y - pixels[i, j, point + 1] - distance * pixels[i, j, plane + 1]
+    e2 = z - pixels[i, j, point + 2] - distance * pixels[i, j, plane + 2]
     length = np.sqrt(e0 * e0 + e1 * e1 + e2 * e2) + 1e-12
-    return surface, length, e0 / length, e1 / length, e2 / length
+    return length, e0 / length, e1 / length, e2 / length
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+def _inside(
+    x: float, y: float, z: float, dx: float, dy: float, dz: float, above: float, table: Array, noise: Array,
+    footprint: NDArray[np.float32], frame: Array, out: Array,
+) -> float:  # fmt: skip
+    """How far inside the footprint the beam that ends in (x, y, z) came in; with its gradient in `out` (12,)."""
+    a, b = _pierced(x, y, z, dx, dy, dz, above, table, footprint, frame)
+    if a < 0:
+        return 0.0
+    below = max(footprint[a, b, INSIDE] - FOOTPRINT_SLACK, 0.0) / noise[2]
+    out[8] = below
+    for k in range(3):
+        out[9 + k] = -(footprint[a, b, OUTWARD] * frame[k] + footprint[a, b, OUTWARD + 1] * frame[3 + k]) / noise[2]
+    return below
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def _pierced(
     x: float, y: float, z: float, dx: float, dy: float, dz: float, above: float, table: Array,
     footprint: NDArray[np.float32], frame: Array,
@@ -156,7 +182,7 @@ def _pierced(
     return a, b
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def _at_most(out: Array, limit: float) -> None:
     """Whoever lies on a surface that was seen is not below it: being below costs no more than lying off does."""
     if out[8] > limit:
@@ -165,7 +191,7 @@ def _at_most(out: Array, limit: float) -> None:
         out[8] = limit
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def point_residual(
     x: float, y: float, z: float, dx: float, dy: float, dz: float, optics: Array, table: Array, noise: Array,
     pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array, out: Array,
@@ -179,15 +205,6 @@ def point_residual(
     out[8] = 0.0
     above = table[0] * x + table[1] * y + table[2] * z - table[3]
     height = above / noise[1]
-    below = 0.0
-    a, b = _pierced(x, y, z, dx, dy, dz, above, table, footprint, frame)
-    if a >= 0:
-        cell = footprint[a, b]
-        below = max(cell[INSIDE] - FOOTPRINT_SLACK, 0.0) / noise[2]
-        if below > 0:
-            out[8] = below
-            for k in range(3):
-                out[9 + k] = -(cell[OUTWARD] * frame[k] + cell[OUTWARD + 1] * frame[3 + k]) / noise[2]
     u, v, depth = project(x, y, z, optics)
     i, j = int(np.floor(v + 0.5)), int(np.floor(u + 0.5))
     if depth <= 0 or i < 0 or j < 0 or i >= pixels.shape[0] or j >= pixels.shape[1]:
@@ -195,26 +212,29 @@ def point_residual(
         for k in range(3):
             out[1 + k] = table[k] / noise[1]
         return CAP_BEHIND, 0.0
-    pixel = pixels[i, j]
     slack = EDGE_SLACK_PX * depth / optics[12]
     plane = PLANE
-    distance, length, e0, e1, e2 = _off_surface(x, y, z, pixel, PLANE, POINT)
+    distance = _off_surface(x, y, z, pixels, i, j, PLANE)
     surface = distance / noise[0]
-    edge = 0.0
-    if pixel[TO_SURFACE] > 0:
+    edge = e0 = e1 = e2 = 0.0
+    if pixels[i, j, TO_SURFACE] > 0:
+        length, e0, e1, e2 = _within_surface(x, y, z, distance, pixels, i, j, PLANE, POINT)
         edge = max(length - slack, 0.0) / noise[2]
-    kind = pixel[KIND]
-    cap = CAP_FRONT
-    if kind == OTHER or (below == 0 and (kind == UNSEEN or (kind == OBJECT and distance < 0))):
-        cap = CAP_BEHIND
     cost = surface * surface + edge * edge
-    if cost > 4.0 and pixel[FRONT_PLANE + 3] < NOWHERE:
-        front, front_length, f0, f1, f2 = _off_surface(x, y, z, pixel, FRONT_PLANE, FRONT_POINT)
-        front /= noise[0]
-        front_edge = max(front_length - slack, 0.0) / noise[2]
+    if cost > 4.0 and pixels[i, j, FRONT_PLANE + 3] < NOWHERE:
+        before = _off_surface(x, y, z, pixels, i, j, FRONT_PLANE)
+        length, f0, f1, f2 = _within_surface(x, y, z, before, pixels, i, j, FRONT_PLANE, FRONT_POINT)
+        front, front_edge = before / noise[0], max(length - slack, 0.0) / noise[2]
         if front * front + front_edge * front_edge < cost:
             plane, surface, edge, e0, e1, e2 = FRONT_PLANE, front, front_edge, f0, f1, f2
             cost = surface * surface + edge * edge
+    below = 0.0
+    if min(cost, height * height) > ON_SURFACE:
+        below = _inside(x, y, z, dx, dy, dz, above, table, noise, footprint, frame, out)
+    kind = pixels[i, j, KIND]
+    cap = CAP_FRONT
+    if kind == OTHER or (below == 0 and (kind == UNSEEN or (kind == OBJECT and distance < 0))):
+        cap = CAP_BEHIND
     if height * height < cost:
         out[0] = height
         for k in range(3):
@@ -224,8 +244,8 @@ def point_residual(
     _at_most(out, np.sqrt(cost))
     out[0] = surface
     for k in range(3):
-        out[1 + k] = pixel[plane + k] / noise[0]
-    facing = abs(pixel[plane] * dx + pixel[plane + 1] * dy + pixel[plane + 2] * dz)
+        out[1 + k] = pixels[i, j, plane + k] / noise[0]
+    facing = abs(pixels[i, j, plane] * dx + pixels[i, j, plane + 1] * dy + pixels[i, j, plane + 2] * dz)
     steep = min(-np.log(max(facing, 0.02)), STEEP) / (noise[3] * noise[3])
     if edge > 0:
         out[4] = edge
@@ -233,7 +253,7 @@ def point_residual(
     return cap - steep, steep
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _miss_cost(
     x: float, y: float, z: float, dx: float, dy: float, dz: float,
     optics: Array, table: Array, noise: Array, footprint: NDArray[np.float32], frame: Array,
@@ -250,7 +270,7 @@ def _miss_cost(
     return 0.0
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def prior_cost(x: float, prior: float) -> tuple[float, float, float]:
     """Cost, slope and curvature of one component of a correction; `prior` is its inverse variance."""
     scale = np.sqrt(prior)
@@ -264,7 +284,7 @@ def prior_cost(x: float, prior: float) -> tuple[float, float, float]:
     return cost, slope * scale, bend * prior
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def cone_residual(
     x: float, y: float, z: float, dx: float, dy: float, dz: float, hit: float, measured: float,
     optics: Array, table: Array, noise: Array, rays: Array, footprint: NDArray[np.float32], frame: Array,
@@ -288,7 +308,7 @@ def cone_residual(
     return residual, CAP_FRONT, beyond
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def total_cost(
     x: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
     rays: Array, pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
@@ -301,30 +321,33 @@ def total_cost(
     for k in range(6):
         cost += prior_cost(x[k], prior[k])[0]
     for n in range(beams.shape[0]):
-        b = beams[n]
-        y0, y1, y2 = b[0] - centroid[0] - x[3], b[1] - centroid[1] - x[4], b[2] - centroid[2] - x[5]
+        y0, y1, y2 = (
+            beams[n, 0] - centroid[0] - x[3],
+            beams[n, 1] - centroid[1] - x[4],
+            beams[n, 2] - centroid[2] - x[5],
+        )
         q0 = r[0, 0] * y0 + r[1, 0] * y1 + r[2, 0] * y2 + centroid[0]
         q1 = r[0, 1] * y0 + r[1, 1] * y1 + r[2, 1] * y2 + centroid[1]
         q2 = r[0, 2] * y0 + r[1, 2] * y1 + r[2, 2] * y2 + centroid[2]
-        d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
-        d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
-        d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
+        d0 = r[0, 0] * beams[n, 3] + r[1, 0] * beams[n, 4] + r[2, 0] * beams[n, 5]
+        d1 = r[0, 1] * beams[n, 3] + r[1, 1] * beams[n, 4] + r[2, 1] * beams[n, 5]
+        d2 = r[0, 2] * beams[n, 3] + r[1, 2] * beams[n, 4] + r[2, 2] * beams[n, 5]
         if rays.shape[0] > 0:
             e, cap, beyond = cone_residual(
-                q0, q1, q2, d0, d1, d2, b[6], b[8], optics, table, wide, rays, footprint, frame
+                q0, q1, q2, d0, d1, d2, beams[n, 6], beams[n, 8], optics, table, wide, rays, footprint, frame
             )
             s = 0.5 * e * e
-            cost += b[7] * (beyond + cap * s / (cap + s))
-        elif b[6] > 0:
+            cost += beams[n, 7] * (beyond + cap * s / (cap + s))
+        elif beams[n, 6] > 0:
             cap, beyond = point_residual(q0, q1, q2, d0, d1, d2, optics, table, wide, pixels, footprint, frame, out)
             s = 0.5 * (out[0] * out[0] + out[4] * out[4] + out[8] * out[8])
-            cost += b[7] * (beyond + cap * s / (cap + s))
+            cost += beams[n, 7] * (beyond + cap * s / (cap + s))
         else:
-            cost += b[7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, table, wide, footprint, frame)
+            cost += beams[n, 7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, table, wide, footprint, frame)
     return cost
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def costs(
     xs: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
     rays: Array, pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
@@ -353,7 +376,7 @@ _WORTH_A_THREAD = 2000
 """Beams times corrections below which handing out the work takes longer than doing it."""
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def normal_equations(
     x: Array, factor: float, prior: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
     rays: Array, pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
@@ -369,23 +392,26 @@ def normal_equations(
         part, gradient[k], information[k, k] = prior_cost(x[k], prior[k])
         cost += part
     for n in range(beams.shape[0]):
-        b = beams[n]
-        y0, y1, y2 = b[0] - centroid[0] - x[3], b[1] - centroid[1] - x[4], b[2] - centroid[2] - x[5]
+        y0, y1, y2 = (
+            beams[n, 0] - centroid[0] - x[3],
+            beams[n, 1] - centroid[1] - x[4],
+            beams[n, 2] - centroid[2] - x[5],
+        )
         q0 = r[0, 0] * y0 + r[1, 0] * y1 + r[2, 0] * y2 + centroid[0]
         q1 = r[0, 1] * y0 + r[1, 1] * y1 + r[2, 1] * y2 + centroid[1]
         q2 = r[0, 2] * y0 + r[1, 2] * y1 + r[2, 2] * y2 + centroid[2]
-        d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
-        d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
-        d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
+        d0 = r[0, 0] * beams[n, 3] + r[1, 0] * beams[n, 4] + r[2, 0] * beams[n, 5]
+        d1 = r[0, 1] * beams[n, 3] + r[1, 1] * beams[n, 4] + r[2, 1] * beams[n, 5]
+        d2 = r[0, 2] * beams[n, 3] + r[1, 2] * beams[n, 4] + r[2, 2] * beams[n, 5]
         if rays.shape[0] > 0:
             e, cap, beyond = cone_residual(
-                q0, q1, q2, d0, d1, d2, b[6], b[8], optics, table, wide, rays, footprint, frame
+                q0, q1, q2, d0, d1, d2, beams[n, 6], beams[n, 8], optics, table, wide, rays, footprint, frame
             )
             s = 0.5 * e * e
-            cost += b[7] * (beyond + cap * s / (cap + s))
+            cost += beams[n, 7] * (beyond + cap * s / (cap + s))
             if e == 0.0:
                 continue
-            weight = b[7] * (cap / (cap + s)) ** 2
+            weight = beams[n, 7] * (cap / (cap + s)) ** 2
             for k in range(6):
                 t0, t1, t2, e0, e1, e2 = q0, q1, q2, d0, d1, d2
                 if k < 3:
@@ -403,7 +429,7 @@ def normal_equations(
                     t0, t1, t2 = t0 - _SHIFT * r[k - 3, 0], t1 - _SHIFT * r[k - 3, 1], t2 - _SHIFT * r[k - 3, 2]
                     pace = _SHIFT
                 moved, _, _ = cone_residual(
-                    t0, t1, t2, e0, e1, e2, b[6], b[8], optics, table, wide, rays, footprint, frame
+                    t0, t1, t2, e0, e1, e2, beams[n, 6], beams[n, 8], optics, table, wide, rays, footprint, frame
                 )
                 row[k] = (moved - e) / pace
             for k in range(6):
@@ -411,13 +437,13 @@ def normal_equations(
                 for m in range(6):
                     information[k, m] += weight * row[k] * row[m]
             continue
-        if b[6] == 0:
-            cost += b[7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, table, wide, footprint, frame)
+        if beams[n, 6] == 0:
+            cost += beams[n, 7] * _miss_cost(q0, q1, q2, d0, d1, d2, optics, table, wide, footprint, frame)
             continue
         cap, beyond = point_residual(q0, q1, q2, d0, d1, d2, optics, table, wide, pixels, footprint, frame, out)
         s = 0.5 * (out[0] * out[0] + out[4] * out[4] + out[8] * out[8])
-        cost += b[7] * (beyond + cap * s / (cap + s))
-        weight = b[7] * (cap / (cap + s)) ** 2
+        cost += beams[n, 7] * (beyond + cap * s / (cap + s))
+        weight = beams[n, 7] * (cap / (cap + s)) ** 2
         for part in range(0, 12, 4):
             if out[part] == 0.0:
                 continue
@@ -433,7 +459,7 @@ def normal_equations(
     return information, gradient, cost
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def sample_residuals(
     x: Array, beams: Array, centroid: Array, optics: Array, table: Array, noise: Array,
     rays: Array, pixels: NDArray[np.float32], footprint: NDArray[np.float32], frame: Array,
@@ -447,16 +473,19 @@ def sample_residuals(
     residual = np.zeros(beams.shape[0])
     agrees = np.zeros(beams.shape[0], dtype=np.bool_)
     for n in range(beams.shape[0]):
-        b = beams[n]
-        if b[6] == 0:
+        if beams[n, 6] == 0:
             continue
-        y0, y1, y2 = b[0] - centroid[0] - x[3], b[1] - centroid[1] - x[4], b[2] - centroid[2] - x[5]
+        y0, y1, y2 = (
+            beams[n, 0] - centroid[0] - x[3],
+            beams[n, 1] - centroid[1] - x[4],
+            beams[n, 2] - centroid[2] - x[5],
+        )
         q0 = r[0, 0] * y0 + r[1, 0] * y1 + r[2, 0] * y2 + centroid[0]
         q1 = r[0, 1] * y0 + r[1, 1] * y1 + r[2, 1] * y2 + centroid[1]
         q2 = r[0, 2] * y0 + r[1, 2] * y1 + r[2, 2] * y2 + centroid[2]
-        d0 = r[0, 0] * b[3] + r[1, 0] * b[4] + r[2, 0] * b[5]
-        d1 = r[0, 1] * b[3] + r[1, 1] * b[4] + r[2, 1] * b[5]
-        d2 = r[0, 2] * b[3] + r[1, 2] * b[4] + r[2, 2] * b[5]
+        d0 = r[0, 0] * beams[n, 3] + r[1, 0] * beams[n, 4] + r[2, 0] * beams[n, 5]
+        d1 = r[0, 1] * beams[n, 3] + r[1, 1] * beams[n, 4] + r[2, 1] * beams[n, 5]
+        d2 = r[0, 2] * beams[n, 3] + r[1, 2] * beams[n, 4] + r[2, 2] * beams[n, 5]
         point_residual(q0, q1, q2, d0, d1, d2, optics, table, noise, pixels, footprint, frame, out)
         residual[n] = out[0] / np.sqrt(out[1] * out[1] + out[2] * out[2] + out[3] * out[3])
         agrees[n] = out[0] * out[0] + out[4] * out[4] + out[8] * out[8] < 9.0

@@ -22,6 +22,8 @@ _INFLATED = 1.3
 _LEAST_SHARE = 0.04
 _ENOUGH = 25.0
 """Effective draws from which a mode is fitted anew."""
+_ROUNDING = 1e-7
+"""Variance that keeps a fitted covariance positive definite; the density's coordinates are of the order of 1."""
 _DOUBT = 10.0
 """Effective draws at which their covariance counts half, the best mode's own the other half."""
 
@@ -76,7 +78,7 @@ def _fitted(modes: list[Mode], xs: Array, weight: Array) -> list[Mode]:
         if share**2 / float((own**2).sum()) > _ENOUGH:
             mean = own @ xs / share
             apart = xs - mean
-            covariance = (own[:, None] * apart).T @ apart / share + 1e-9 * np.eye(6)
+            covariance = (own[:, None] * apart).T @ apart / share + _ROUNDING * np.eye(6)
         else:
             mean, covariance = mode.mean, mode.covariance
         fitted.append(Mode(mean, covariance, max(share, _LEAST_SHARE)))

@@ -22,12 +22,14 @@ from pretouch_registrar.engines.solution import Solution
 _SEARCH_BEAMS = 120
 _MAX_BEAMS = 320
 """Beams used to search, and to refine and take the moments."""
-_WIDE_BEAMS = (80, 160)
+_WIDE_BEAMS = (80, 120)
 """The same for a wide beam: its samples overlap, and each costs more."""
+_ROUGH = 2.0
+"""Noise factor above which half the beams do for the search."""
 _STARTS = 10
 """Members of the last population that are refined, and how far apart they are, in standard deviations of the prior."""
 _APART = 0.15
-_MODES = 4
+_MODES = 3
 _MODES_APART = 0.25
 _MODE_GATE = 6.0
 """A mode is kept if its density is at least exp(-this) of the best one's."""
@@ -50,18 +52,22 @@ def solve(problem: Problem) -> Solution:
     coarse, fine = _thinned(problem, search), _thinned(problem, most)
     cold = temperature(problem.beams)
     scale = 1.0 / np.sqrt(problem.prior)
-    xs, level = annealing.population(lambda x, factor: energy(x, factor, coarse, cold), scale)
+    rough = _thinned(problem, search // 2)
+    xs, level = annealing.population(
+        lambda x, factor: energy(x, factor, rough if factor > _ROUGH else coarse, cold), scale
+    )
     starts = _distinct(xs[np.argsort(level, kind="stable")], _APART * scale, _STARTS)
     refined = np.array([refine(x, 1.0, problem.prior, *fine.arguments()) for x in starts])
     level = energy(refined, 1.0, fine, cold)
     order = np.argsort(level, kind="stable")
     order = order[level[order] < level.min() + _MODE_GATE]
     places = _distinct(refined[order], _MODES_APART * scale, _MODES)
-    modes = _modes(fine, places, cold)
-    mean, covariance = importance.moments(lambda x: energy(x, 1.0, fine, cold), modes)
+    modes = [_in_units(mode, scale) for mode in _modes(fine, places, cold)]
+    mean, covariance = importance.moments(lambda x: energy(x * scale, 1.0, fine, cold), modes)
+    mean, covariance = mean * scale, covariance * np.outer(scale, scale)
     likely = energy(places, 1.0, fine, cold) < level.min() + _NEARLY
     systematic = _WIDE_SYSTEMATIC if len(problem.rays) else _SYSTEMATIC
-    covariance[3:, 3:] += systematic**2 * np.eye(3)
+    covariance[3:, 3:] += np.diag(np.minimum(systematic, scale[3:] / 10) ** 2)
     return Solution(mean, covariance, places[likely][1:])
 
 
@@ -71,6 +77,11 @@ def energy(xs: Array, factor: float, problem: Problem, cold: float) -> Array:
     beyond = np.maximum(sigmas - PRIOR_FLAT, 0.0) / PRIOR_WALL
     prior = 0.5 * (PRIOR_SAG * sigmas**2 + beyond**2).sum(axis=1)
     return np.asarray(spread_costs(xs, factor, problem) / cold + prior, dtype=np.float64)
+
+
+def _in_units(mode: Mode, scale: Array) -> Mode:
+    """The mode in units of `scale` (6,), the prior's, so that nothing depends on how wide that is."""
+    return Mode(mode.mean / scale, mode.covariance / np.outer(scale, scale), mode.share)
 
 
 def _thinned(problem: Problem, most: int) -> Problem:

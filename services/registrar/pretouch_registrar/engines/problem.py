@@ -20,6 +20,8 @@ EDGE_STD = 0.0025
 """m: how well the silhouette is known, laterally."""
 EFFECTIVE_SAMPLES = 30.0
 """Independent samples that one scan is worth: neighbours share the model's error."""
+_MOST = 0.6
+"""Weight of one sample at most: at the posterior's temperature it counts once."""
 _PATCH = 0.009
 """m along a scan over which the camera's error stays the same."""
 WIDE = float(np.radians(2.0))
@@ -67,7 +69,7 @@ def beam_rows(scans: Sequence[Scan], sensor: Sensor) -> Array:
     for scan in scans:
         hit = scan.returned
         ends = scan.origins + np.where(hit, scan.ranges, 0.0)[:, None] * scan.directions
-        weight = min(1.0, worth / max(len(scan), 1))
+        weight = min(_MOST, worth / max(len(scan), 1))
         rows.append(
             np.column_stack([ends, scan.directions, hit, np.full(len(scan), weight), np.where(hit, scan.ranges, 0.0)])
         )
