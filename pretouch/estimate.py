@@ -73,6 +73,8 @@ class Estimate:
         inliers: samples that agree with the estimate.
         samples: samples used.
         rmse: m, root mean square residual of the inliers; 0 without any.
+        several_modes: another place, apart from this one, agrees nearly as well; the covariance covers both. Over gRPC
+            and in files only: the REST contract has no member for it.
     """
 
     base_T_correction: Pose
@@ -84,6 +86,7 @@ class Estimate:
     inliers: int = 0
     samples: int = 0
     rmse: float = 0.0
+    several_modes: bool = False
 
 
 def point_error(

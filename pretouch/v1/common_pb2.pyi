@@ -522,6 +522,7 @@ class Estimate(_message.Message):
     INLIERS_FIELD_NUMBER: _builtins.int
     SAMPLES_FIELD_NUMBER: _builtins.int
     RMSE_FIELD_NUMBER: _builtins.int
+    SEVERAL_MODES_FIELD_NUMBER: _builtins.int
     expected_error: _builtins.float
     """Expected mean distance between estimated and true object points, metres."""
     error_quantile: _builtins.float
@@ -532,6 +533,8 @@ class Estimate(_message.Message):
     """Samples used."""
     rmse: _builtins.float
     """Root mean square residual of the inliers, metres."""
+    several_modes: _builtins.bool
+    """Another place, apart from this one, agrees nearly as well; the covariance covers both."""
     @_builtins.property
     def base_t_correction(self) -> Global___Pose:
         """Maps a point where the camera put it to where it truly is, both in base."""
@@ -562,10 +565,11 @@ class Estimate(_message.Message):
         inliers: _builtins.int = ...,
         samples: _builtins.int = ...,
         rmse: _builtins.float = ...,
+        several_modes: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_correction", b"base_t_correction"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_correction", b"base_t_correction", "centroid", b"centroid", "covariance", b"covariance", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "inliers", b"inliers", "rmse", b"rmse", "samples", b"samples", "unobservable", b"unobservable"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_correction", b"base_t_correction", "centroid", b"centroid", "covariance", b"covariance", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "inliers", b"inliers", "rmse", b"rmse", "samples", b"samples", "several_modes", b"several_modes", "unobservable", b"unobservable"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

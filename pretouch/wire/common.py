@@ -202,6 +202,7 @@ def estimate_to_proto(estimate: Estimate) -> pb.Estimate:
         inliers=estimate.inliers,
         samples=estimate.samples,
         rmse=estimate.rmse,
+        several_modes=estimate.several_modes,
     )
 
 
@@ -218,4 +219,5 @@ def estimate_from_proto(message: pb.Estimate) -> Estimate:
         inliers=message.inliers,
         samples=message.samples,
         rmse=message.rmse,
+        several_modes=message.several_modes,
     )

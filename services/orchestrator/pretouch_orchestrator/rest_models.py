@@ -63,8 +63,8 @@ class Table(_Sent):
 class Prior(_Sent):
     """How wrong the camera's calibration may be, about the object's centroid."""
 
-    translation_std: Annotated[float, Field(gt=0, le=1)] = Field(0.0115, description="Metres, per base axis.")
-    rotation_std: Annotated[float, Field(gt=0, le=1)] = Field(0.05, description="Radians, per base axis.")
+    translation_std: Annotated[float, Field(ge=1e-6, le=1)] = Field(0.0115, description="Metres, per base axis.")
+    rotation_std: Annotated[float, Field(ge=1e-6, le=1)] = Field(0.05, description="Radians, per base axis.")
 
 
 class Tolerance(_Sent):

@@ -149,4 +149,5 @@ def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
         inliers=int(inlier.sum()),
         samples=len(problem.beams),
         rmse=float(np.sqrt(np.mean(residuals[inlier] ** 2))) if inlier.any() else 0.0,
+        several_modes=len(solution.others) > 0,
     )

@@ -120,6 +120,8 @@ def _table(estimate: Estimate, base_T_object: Pose | None) -> Table:
     table.add_row("95 % of errors below", f"{1000 * estimate.error_quantile:.2f} mm")
     table.add_row("inliers", f"{estimate.inliers} of {estimate.samples} samples")
     table.add_row("rmse of the inliers", f"{1000 * estimate.rmse:.2f} mm")
+    if estimate.several_modes:
+        table.add_row("several places", "another one agrees nearly as well; the expected error covers both")
     for k, weak in enumerate(estimate.unobservable):
         table.add_row("" if k else "still free", weak.text)
     if base_T_object is not None:

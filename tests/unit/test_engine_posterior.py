@@ -1,0 +1,118 @@
+"""The parts of engine `posterior`, each against what is known exactly, and what it says where two places agree."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pretouch_registrar.engines import annealing, camera_model, importance
+from pretouch_registrar.engines.cone import mean_range, rays_of
+from pretouch_registrar.engines.importance import Mode
+from pretouch_registrar.registration import Settings, register
+from scenes import KINECT, Box, World
+
+from pretouch.geometry import Array
+from pretouch.scene import Scene
+from pretouch.tof import Scan, Sensor
+from pretouch.trajectory import Trajectory
+
+HALF_ANGLE = float(np.radians(12.5))
+WIDE = Sensor(beam_half_angle=HALF_ANGLE)
+
+
+def mixture(xs: Array, places: Array, std: float) -> Array:
+    """Negative logarithms (m,) of a mixture of equal round normals at `places` (k, 6)."""
+    squared = ((xs[:, None] - places[None]) ** 2).sum(axis=2) / std**2
+    return np.asarray(-np.log(np.exp(-0.5 * squared).sum(axis=1) + 1e-300))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**16), st.floats(0.1, 0.8), st.floats(0.7, 1.5))
+def test_moments_of_two_places_are_those_of_their_mixture(seed: int, std: float, wrong: float) -> None:
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-1, 1, (2, 6))
+    modes = [Mode(place, (wrong * std) ** 2 * np.eye(6), 0.5) for place in places]
+    mean, covariance = importance.moments(lambda x: mixture(x, places, std), modes)
+    apart = 0.5 * (places[0] - places[1])
+    np.testing.assert_allclose(mean, places.mean(axis=0), atol=0.25 * (std + np.linalg.norm(apart)))
+    expected = std**2 * np.eye(6) + np.outer(apart, apart)
+    np.testing.assert_allclose(np.trace(covariance), np.trace(expected), rtol=0.35)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**16))
+def test_the_search_finds_a_narrow_place_anywhere_in_the_prior(seed: int) -> None:
+    place = np.random.default_rng(seed).uniform(-1.7, 1.7, (1, 6))
+    xs, level = annealing.population(lambda x, factor: mixture(x, place, 0.15 * factor), np.ones(6))
+    assert np.linalg.norm(xs[level.argmin()] - place[0]) < 0.3
+    assert np.median(np.linalg.norm(xs - place[0], axis=1)) < 0.6
+
+
+@pytest.fixture(scope="module")
+def block() -> camera_model.CameraModel:
+    return camera_model.build(World((Box.standing((0.10, 0.08, 0.04)),)).scene(KINECT))
+
+
+def seen(model: camera_model.CameraModel, at: tuple[float, float, float], down: tuple[float, float, float]) -> Array:
+    table = np.array([*model.scene.table.normal, model.scene.table.offset])
+    answer = mean_range(*at, *down, 0.2, rays_of(HALF_ANGLE), table, model.footprint, model.frame)
+    return np.array(answer)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0.02, 0.08), st.floats(-0.02, 0.02), st.floats(-0.01, 0.01))
+def test_a_wide_beam_on_a_wall_reads_its_distance(
+    block: camera_model.CameraModel, height: float, x: float, y: float
+) -> None:
+    near, far, spread = seen(block, (x, y, 0.04 + height), (0.0, 0.0, -1.0))
+    assert near == pytest.approx(far, abs=1e-6)
+    assert far == pytest.approx(height, abs=0.0015)
+    assert spread < 0.004
+
+
+def test_over_an_edge_a_wide_beam_reads_something_between(block: camera_model.CameraModel) -> None:
+    inner, edge, outer = (seen(block, (x, 0.0, 0.08), (0.0, 0.0, -1.0)) for x in (-0.03, -0.05, -0.08))
+    assert inner[1] + 0.005 < edge[1] < outer[1] - 0.005
+    assert edge[2] > 4 * inner[2]
+
+
+def test_over_what_the_camera_did_not_see_the_range_is_an_interval(block: camera_model.CameraModel) -> None:
+    near, far, _ = seen(block, (0.06, 0.0, 0.08), (0.0, 0.0, -1.0))
+    assert near < far - 0.005
+    assert far < 0.085
+
+
+PITCH = 0.014
+
+
+def comb() -> World:
+    """Six ridges of one object, all alike."""
+    return World(tuple(Box.standing((0.007, 0.06, 0.025), ((k - 2.5) * PITCH, 0.0)) for k in range(6)))
+
+
+@pytest.fixture(scope="module")
+def ridges() -> Scene:
+    depth, _ = comb().depth(KINECT, np.random.default_rng(1))
+    whole = comb().scene(KINECT)
+    points = whole.base_T_camera.apply(whole.camera.organised(depth.metres))
+    mask = (points[..., 2] > 0.006) & (np.abs(points[..., :2]).max(axis=2) < 0.06)
+    return Scene(depth, whole.camera, whole.base_T_camera, mask, whole.table).cropped(0.08)[0]
+
+
+def across(start: tuple[float, float], end: tuple[float, float]) -> Scan:
+    tip = np.tile(np.eye(4), (2, 1, 1))
+    tip[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    tip[:, :2, 3] = start, end
+    tip[:, 2, 3] = 0.06
+    path = Trajectory(np.array([0.0, np.linalg.norm(np.subtract(end, start)) / 0.05]), tip)
+    return comb().scanned(path, Sensor(), np.random.default_rng(2)).beams(Sensor())
+
+
+def test_a_scan_that_cannot_tell_ridges_apart_is_said_to_fit_several_places(ridges: Scene) -> None:
+    inside = [across((-0.02, 0.005), (0.02, -0.005)), across((-0.015, -0.02), (0.02, 0.02))]
+    answer = register(ridges, inside, Settings())
+    assert answer.several_modes
+    assert answer.error_quantile > 0.7 * PITCH
+    over_the_ends = [across((-0.08, 0.01), (0.08, 0.0)), across((0.007, -0.06), (0.007, 0.06))]
+    answer = register(ridges, inside + over_the_ends, Settings())
+    assert answer.expected_error < 0.5 * PITCH
+    assert np.linalg.norm(answer.base_T_correction.apply(ridges.centroid) - ridges.centroid) < 0.004
