@@ -58,6 +58,7 @@ STEEP = 1.7
 """Most that a surface seen edge-on costs: a beam along a wall may end anywhere on it, so that its range says little."""
 CONE_SPREAD = 0.25
 """Share of the spread of the paths in a cone that its mean may be wrong by."""
+_CELLS_PER_M = 1.0 / CELL
 _SHIFT, _TURN = 0.001, 0.012
 """m and rad: steps of the differences that stand for a wide beam's derivatives."""
 CAP_FRONT = 4.5
@@ -119,11 +120,11 @@ def project(x: float, y: float, z: float, o: Array) -> tuple[float, float, float
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def cell_of(x: float, y: float, z: float, footprint: NDArray[np.float32], frame: Array) -> tuple[int, int]:
     """The footprint's cell that a point in base stands over; -1, -1 outside."""
-    a = int(np.floor((frame[0] * x + frame[1] * y + frame[2] * z - frame[6]) / CELL))
-    b = int(np.floor((frame[3] * x + frame[4] * y + frame[5] * z - frame[7]) / CELL))
-    if a < 0 or b < 0 or a >= footprint.shape[0] or b >= footprint.shape[1]:
+    across = (frame[0] * x + frame[1] * y + frame[2] * z - frame[6]) * _CELLS_PER_M
+    along = (frame[3] * x + frame[4] * y + frame[5] * z - frame[7]) * _CELLS_PER_M
+    if across < 0 or along < 0 or across >= footprint.shape[1] or along >= footprint.shape[2]:
         return -1, -1
-    return a, b
+    return int(across), int(along)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
@@ -156,10 +157,10 @@ def _inside(
     a, b = _pierced(x, y, z, dx, dy, dz, above, table, footprint, frame)
     if a < 0:
         return 0.0
-    below = max(footprint[a, b, INSIDE] - FOOTPRINT_SLACK, 0.0) / noise[2]
+    below = max(footprint[INSIDE, a, b] - FOOTPRINT_SLACK, 0.0) / noise[2]
     out[8] = below
     for k in range(3):
-        out[9 + k] = -(footprint[a, b, OUTWARD] * frame[k] + footprint[a, b, OUTWARD + 1] * frame[3 + k]) / noise[2]
+        out[9 + k] = -(footprint[OUTWARD, a, b] * frame[k] + footprint[OUTWARD + 1, a, b] * frame[3 + k]) / noise[2]
     return below
 
 
@@ -170,14 +171,14 @@ def _pierced(
 ) -> tuple[int, int]:  # fmt: skip
     """The footprint's cell through which a beam that ends in (x, y, z), `above` the table, came in; -1, -1: none."""
     a, b = cell_of(x, y, z, footprint, frame)
-    if a < 0 or footprint[a, b, TOP] <= above + BELOW:
+    if a < 0 or footprint[TOP, a, b] <= above + BELOW:
         return -1, -1
     fall = -(table[0] * dx + table[1] * dy + table[2] * dz)
     if fall < 0.5:
         return -1, -1
-    back = (footprint[a, b, TOP] - above) / fall
+    back = (footprint[TOP, a, b] - above) / fall
     a, b = cell_of(x - back * dx, y - back * dy, z - back * dz, footprint, frame)
-    if a < 0 or footprint[a, b, TOP] <= above + BELOW:
+    if a < 0 or footprint[TOP, a, b] <= above + BELOW:
         return -1, -1
     return a, b
 
@@ -263,8 +264,8 @@ def _miss_cost(
     for _ in range(int(optics[16] / pace + 0.5)):
         x, y, z = x + pace * dx, y + pace * dy, z + pace * dz
         a, b = cell_of(x, y, z, footprint, frame)
-        if a >= 0 and footprint[a, b, TOP] > table[0] * x + table[1] * y + table[2] * z - table[3] + BELOW:
-            below = max(footprint[a, b, INSIDE] - FOOTPRINT_SLACK, 0.0) / noise[2]
+        if a >= 0 and footprint[TOP, a, b] > table[0] * x + table[1] * y + table[2] * z - table[3] + BELOW:
+            below = max(footprint[INSIDE, a, b] - FOOTPRINT_SLACK, 0.0) / noise[2]
             s = 0.5 * below * below
             return CAP_FRONT * s / (CAP_FRONT + s)
     return 0.0

@@ -32,7 +32,7 @@ _LAYER_GAP = 0.015
 _LAYER_REACH = 0.008
 """m across the view in which the two layers are looked for: a depth camera is blind for some pixels between them."""
 TOP, INSIDE, OUTWARD, LOW, HIGH, FACING, NEARBY = 0, 1, 2, 4, 5, 6, 7
-"""Where a cell's fields begin, see `CameraModel.footprint`."""
+"""Which layer holds a cell's field, see `CameraModel.footprint`."""
 CELL = 0.003
 """m: side of a cell of the footprint."""
 _AROUND = 14
@@ -52,7 +52,7 @@ class CameraModel:
             camera, d in m), and its point (3), m; where neither the object nor something else is seen, those of the
             nearest object pixel; plane and point of the nearest pixel of the object's front layers,
             NOWHERE without any; distance to the pixel that the plane was taken from, px; the pixel's kind.
-        footprint: (nx, ny, 8) float32, the object seen from above in cells of the table's plane. Per cell: height of
+        footprint: (8, nx, ny) float32, the object seen from above in cells of the table's plane. Per cell: height of
             the highest seen point above the table, m, below 0 where there is none; distance to the nearest cell
             without, m; unit vector (x, y) from here towards it; the lowest and the highest that the surface can be
             here, m above the table, equal where it was seen; cosine of its slope; the highest it can be nearby.
@@ -117,16 +117,14 @@ def _footprint(
     _, nearest = ndimage.distance_transform_edt(~seen, return_indices=True)
     top = np.where(closed, top[nearest[0], nearest[1]], -1.0)
     inside, edge = ndimage.distance_transform_edt(closed, return_indices=True)
-    outward = np.moveaxis(edge - np.indices(closed.shape), 0, 2)
-    outward = outward / np.maximum(inside, 1e-9)[..., None]
+    outward = (edge - np.indices(closed.shape)) / np.maximum(inside, 1e-9)
     upper = _upper_mean(top, cells, scene.table.height(points))
     low, high = _heights(scene, upper, axes, corner, metres, kind)
     smooth = ndimage.gaussian_filter(low, 1.0)
     slope = np.hypot(*np.gradient(smooth, CELL))
     facing = 1.0 / np.sqrt(1.0 + slope**2)
     nearby = ndimage.maximum_filter(high, size=2 * _CONE + 1)
-    layers = np.stack([low, high, facing, nearby], axis=2)
-    fields = np.concatenate([top[..., None], inside[..., None] * CELL, outward, layers], axis=2)
+    fields = np.stack([top, inside * CELL, *outward, low, high, facing, nearby])
     return np.ascontiguousarray(fields, dtype=np.float32), np.concatenate([axes[:, 0], axes[:, 1], corner])
 
 

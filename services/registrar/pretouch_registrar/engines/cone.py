@@ -63,7 +63,7 @@ def mean_range(
     s = 1.0 / max(np.sqrt(1.0 - dx * dx), 1e-6)
     ax, ay, az = s * (1.0 - dx * dx), -s * dx * dy, -s * dx * dz
     bx, by, bz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
-    nx, ny = footprint.shape[0], footprint.shape[1]
+    nx, ny = footprint.shape[1], footprint.shape[2]
     weight_near = weight_far = sum_near = sum_far = square = wall = wall_path = 0.0
     for k in range(rays.shape[0]):
         u, v, length = rays[k, 0], rays[k, 1], rays[k, 2]
@@ -76,7 +76,7 @@ def mean_range(
             j = int((oy + ry * 0.5 * stop) / CELL)
             top = 0.0
             if i >= 0 and j >= 0 and i < nx and j < ny:
-                top = footprint[i, j, NEARBY]
+                top = footprint[NEARBY, i, j]
             t = max(0.0, (oz - top) / -rz - 1e-4)
         near = far = -1.0
         near_facing = far_facing = 1.0
@@ -84,18 +84,18 @@ def mean_range(
             i, j = int((ox + rx * t) / CELL), int((oy + ry * t) / CELL)
             z = oz + rz * t
             if ox + rx * t >= 0 and oy + ry * t >= 0 and i < nx and j < ny:
-                if near < 0 and z <= footprint[i, j, HIGH]:
-                    deep = footprint[i, j, HIGH] - z
+                if near < 0 and z <= footprint[HIGH, i, j]:
+                    deep = footprint[HIGH, i, j] - z
                     if deep > _WALL:
                         near, near_facing = t, _GRAZING
                     else:
-                        near, near_facing = t + deep / rz, footprint[i, j, FACING]
-                if z <= footprint[i, j, LOW]:
-                    deep = footprint[i, j, LOW] - z
+                        near, near_facing = t + deep / rz, footprint[FACING, i, j]
+                if z <= footprint[LOW, i, j]:
+                    deep = footprint[LOW, i, j] - z
                     if deep > _WALL:
                         far, far_facing = t, _GRAZING
                     else:
-                        far, far_facing = t + deep / rz, footprint[i, j, FACING]
+                        far, far_facing = t + deep / rz, footprint[FACING, i, j]
                     break
             t += _PACE
         if far < 0:
