@@ -21,6 +21,8 @@ _TRUTHS, _TRUTHS_AFTER = 12, 8
 """Corrections drawn from the estimate that are taken as the truth in turn, before the first scan and after it."""
 _BEAMS = 30
 """Beams of a candidate that are simulated; about as many samples as the engine takes to be independent."""
+_WIDE_BEAMS = 12
+"""The same for a wide beam, whose spots overlap."""
 _ROUNDS = 2
 _PAIRS = 56
 """Antithetic pairs of corrections that the curvature is taken from, each round."""
@@ -33,7 +35,7 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
     and the scan's cost around that truth says how well it would be found. The mean is taken of the covariances, since a
     scan that may miss the object is worth what it leaves uncertain then.
     """
-    origins, directions = _beams(path, sensor)
+    origins, directions = _beams(path, sensor, _WIDE_BEAMS if len(problem.rays) else _BEAMS)
     draws = _draws(_TRUTHS_AFTER if len(problem.beams) else _TRUTHS)
     truths = x + draws @ np.linalg.cholesky(covariance).T
     ranges = cast(problem, truths, origins, directions, sensor.range_min)
@@ -45,12 +47,12 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
     return mean
 
 
-def _beams(path: Trajectory, sensor: Sensor) -> tuple[Array, Array]:
-    """Origins and directions (n, 3) of about _BEAMS beams, spread over the path and the sensor's modules."""
+def _beams(path: Trajectory, sensor: Sensor, count: int) -> tuple[Array, Array]:
+    """Origins and directions (n, 3) of about `count` beams, spread over the path and the sensor's modules."""
     modules = np.stack([pose.matrix for pose in sensor.tip_T_module])
-    poses = path.sampled(min(sensor.rate, (_BEAMS - 1) / max(path.duration, 1e-9))).base_T_tip
+    poses = path.sampled(min(sensor.rate, (count - 1) / max(path.duration, 1e-9))).base_T_tip
     base_T_module = (poses[:, None] @ modules[None]).reshape(-1, 4, 4)
-    chosen = base_T_module[np.linspace(0, len(base_T_module) - 1, min(_BEAMS, len(base_T_module))).astype(np.intp)]
+    chosen = base_T_module[np.linspace(0, len(base_T_module) - 1, min(count, len(base_T_module))).astype(np.intp)]
     return np.ascontiguousarray(chosen[:, :3, 3]), np.ascontiguousarray(chosen[:, :3, 2])
 
 
