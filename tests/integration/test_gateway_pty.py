@@ -21,6 +21,7 @@ from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.framing import Decoder, encode
 from pretouch_sensor_gateway.messages import Message, Ping, PingReply, Ranges
 from pretouch_sensor_gateway.service import running
+from pretouch_sensor_gateway.subscription import QUEUE_FRAMES
 from pretouch_simulation.finger_link import FingerProcess
 
 from pretouch.channel import open_channel
@@ -263,7 +264,7 @@ async def test_a_slow_subscriber_is_told_its_losses(monkeypatch: pytest.MonkeyPa
         total = 60_000
         for sequence in range(total):
             device.received(encode(Ranges(sequence, sequence, (0.03,), (0,))), time.monotonic())
-            if sequence % 50 == 0:
+            if sequence % (4 * QUEUE_FRAMES) == 0:  # more than a queue holds come before anybody can take them
                 await asyncio.sleep(0)
         got = lost = 0
         while got + lost < total:
