@@ -7,9 +7,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.agreement import project, rotation_of
 from pretouch_registrar.engines.camera_model import KIND, OBJECT, PLANE
+from pretouch_registrar.engines.explanation import project
 from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.turns import rotation_of
 
 _REACH = 0.012
 """m: a beam that is seen this far behind a surface has not pierced it there; it has gone past its edge."""

@@ -26,8 +26,8 @@ from pretouch.estimate import Prior
 from pretouch.geometry import Array, frozen_array, rotations_from_vectors
 from pretouch_registrar.engines import icp, pcl
 from pretouch_registrar.engines import map as most_probable
-from pretouch_registrar.engines.agreement import rotation_of
 from pretouch_registrar.engines.neighbours import Index, index_of
+from pretouch_registrar.engines.turns import rotation_of
 
 _CHUNK = 8
 """Rectangles that a thread takes at a time."""

@@ -7,8 +7,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.agreement import normal_equations, rotation_of, spread_costs, vector_of
+from pretouch_registrar.engines.agreement import normal_equations, spread_costs
 from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.turns import rotation_of, vector_of
 
 _STEPS = 12
 _ROUNDS = 2

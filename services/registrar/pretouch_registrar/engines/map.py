@@ -18,12 +18,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.agreement import rotation_of, vector_of
 from pretouch_registrar.engines.camera_model import PLANE, POINT, CameraModel
 from pretouch_registrar.engines.neighbours import Index, find, index_of, no_pairs, thinned
 from pretouch_registrar.engines.problem import EDGE_STD, Problem
 from pretouch_registrar.engines.returns import OncePerModel, object_returns
 from pretouch_registrar.engines.solution import Solution
+from pretouch_registrar.engines.turns import rotation_of, vector_of
 
 MAX_DISTANCE = 0.03
 """m: pairs further apart are not considered."""

@@ -13,20 +13,15 @@ from pretouch.geometry import Array, Pose
 from pretouch_registrar.engines import icp
 from pretouch_registrar.engines.neighbours import Index, index_of, thinned
 from pretouch_registrar.engines.problem import Problem
-from pretouch_registrar.engines.returns import OncePerModel, fixes_no_turn, object_returns
-from pretouch_registrar.engines.solution import Solution, correction_of
+from pretouch_registrar.engines.returns import OncePerModel, matched
+from pretouch_registrar.engines.solution import Solution
 
 _index: OncePerModel[Index] = OncePerModel(lambda model: index_of(thinned(model.scene.cloud)))
 
 
 def solve(problem: Problem) -> Solution:
     """The match of the returns above the table with the object's cloud; the prior where there is none."""
-    prior = np.diag(1.0 / problem.prior)
-    source = problem.beams[object_returns(problem), :3]
-    scene_T_base = None if fixes_no_turn(source) else _match(source, _index(problem.model))
-    if scene_T_base is None:
-        return Solution(np.zeros(6), prior)
-    return Solution(correction_of(scene_T_base.inverse(), problem.centroid), prior)
+    return matched(problem, lambda source: _match(source, _index(problem.model)))
 
 
 def align(source: Array, target: Array) -> Pose | None:

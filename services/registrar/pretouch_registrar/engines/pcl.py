@@ -24,9 +24,9 @@ from pretouch.geometry import Array, Pose
 from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MAX_ROUNDS
 from pretouch_registrar.engines.neighbours import Index, find, index_of, no_pairs, thinned
 from pretouch_registrar.engines.problem import Problem
-from pretouch_registrar.engines.returns import OncePerModel, fixes_no_turn, object_returns
+from pretouch_registrar.engines.returns import OncePerModel, matched
 from pretouch_registrar.engines.rigid import fit
-from pretouch_registrar.engines.solution import Solution, correction_of
+from pretouch_registrar.engines.solution import Solution
 
 _SHARE = (0.05, 0.95)
 _MIN_PAIRS = 3
@@ -40,12 +40,7 @@ _index: OncePerModel[Index] = OncePerModel(lambda model: index_of(_single(thinne
 
 def solve(problem: Problem) -> Solution:
     """The match of the returns above the table with the object's cloud; the prior where there is none."""
-    prior = np.diag(1.0 / problem.prior)
-    source = problem.beams[object_returns(problem), :3]
-    scene_T_base = None if fixes_no_turn(source) else _match(source, _index(problem.model))
-    if scene_T_base is None:
-        return Solution(np.zeros(6), prior)
-    return Solution(correction_of(scene_T_base.inverse(), problem.centroid), prior)
+    return matched(problem, lambda source: _match(source, _index(problem.model)))
 
 
 def align(source: Array, target: Array) -> Pose | None:

@@ -9,9 +9,10 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pretouch.geometry import Array
+from pretouch.geometry import Array, Pose
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.solution import Solution, correction_of
 
 OBJECT_HEIGHT = 0.01
 """m: returns higher than this above the table are taken to be the object's."""
@@ -37,6 +38,19 @@ def fixes_no_turn(points: Array) -> bool:
         return True
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
     return bool(spread[1] < _LINE)
+
+
+def matched(problem: Problem, match: Callable[[Array], Pose | None]) -> Solution:
+    """The match of the returns above the table by an engine that knows no uncertainty; the prior where there is none.
+
+    `match` gives `scene_T_base` for points (n, 3), m, or None.
+    """
+    prior = np.diag(1.0 / problem.prior)
+    source = problem.beams[object_returns(problem), :3]
+    scene_T_base = None if fixes_no_turn(source) else match(source)
+    if scene_T_base is None:
+        return Solution(np.zeros(6), prior)
+    return Solution(correction_of(scene_T_base.inverse(), problem.centroid), prior)
 
 
 class OncePerModel(Generic[T]):
