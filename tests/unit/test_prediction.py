@@ -81,7 +81,7 @@ def test_a_small_hole_in_the_object_s_depth_is_not_taken_for_table() -> None:
 def test_a_path_over_bare_table_tells_its_height_and_nothing_sideways(problem: Problem) -> None:
     before, after = np.sqrt(np.diag(PRIOR.covariance())), np.sqrt(np.diag(left(problem, TABLE)))
     assert after[5] < 0.8 * before[5]
-    assert (after[3:5] > 0.7 * before[3:5]).all()
+    assert (after[3:5] > 0.75 * before[3:5]).all()
 
 
 def test_a_path_across_the_edges_leaves_less_than_one_on_the_top_and_that_less_than_none(problem: Problem) -> None:
