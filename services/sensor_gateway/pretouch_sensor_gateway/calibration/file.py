@@ -1,0 +1,205 @@
+"""A calibration as a JSON file that a person can read, and write from the first four members alone.
+
+{
+ "version": 1,
+ "serial": "0102030405060708",
+ "warm_up_s": 60.0,
+ "modules": [
+  {"offset_m": 0.0031, "scale": 1.012, "crosstalk_per_m2": 0.0, "std_m": 0.0008, "std_slope": 0.011},
+  ...],
+ "made": {"date": ..., "device": ..., "modules": [...]}          how, see `record.py`; may be left out
+}
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from pretouch.errors import InvalidInput, Malformed
+from pretouch.wire.reader import Members, at, integer, number
+from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
+from pretouch_sensor_gateway.calibration.record import ModuleFit, Point, Record, StandardErrors
+
+VERSION = 1
+MAX_BYTES = 4 * 1024 * 1024
+_MODULE = {
+    "offset": "offset_m",
+    "scale": "scale",
+    "crosstalk": "crosstalk_per_m2",
+    "std": "std_m",
+    "std_slope": "std_slope",
+}
+_POINT = ("distance_m", "mean_m", "std_m", "samples", "outliers_m", "residual_m")
+_REMEDY = "Mend the file, or make a new one: pretouch gateway calibrate."
+
+
+def save(path: Path, calibration: Calibration, record: Record | None = None) -> None:
+    """Writes the file whole or not at all: a reader meets the file as it was or as it is, never half of it.
+
+    Raises:
+        InvalidInput: it cannot be written there.
+    """
+    document = {
+        "version": VERSION,
+        "serial": calibration.serial,
+        "warm_up_s": calibration.warm_up,
+        "modules": [_named(asdict(module)) for module in calibration.modules],
+    }
+    if record is not None:
+        document["made"] = {
+            "date": record.date,
+            "device": record.device,
+            "modules": [_fit_to_json(fit) for fit in record.modules],
+        }
+    half = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        try:
+            with half.open("w", encoding="utf-8") as file:
+                file.write(_laid_out(document) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            half.replace(path)
+        finally:
+            half.unlink(missing_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"{path} cannot be written: {error.strerror}.", "Check the folder.") from error
+
+
+def load(path: Path) -> tuple[Calibration, Record | None]:
+    """The calibration, and how it was made if the file says so.
+
+    Raises:
+        InvalidInput: it cannot be read, a member is missing, unknown, of another type or makes no sense.
+        Malformed: it is no JSON (cut off, for one), or holds a number that is not finite.
+    """
+    try:
+        return _read(path)
+    except InvalidInput as error:
+        raise type(error)(f"{path}: {error.detail}", _REMEDY) from error
+
+
+def _read(path: Path) -> tuple[Calibration, Record | None]:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InvalidInput(f"it cannot be read: {error.strerror}.") from error
+    if len(data) > MAX_BYTES:
+        raise InvalidInput("it is too large for a calibration.")
+    try:
+        document = json.loads(data, parse_constant=_not_finite, object_pairs_hook=_once)
+    except (ValueError, RecursionError) as error:
+        raise Malformed(f"it is no JSON: {error}.") from error
+    members = Members(document, "", ("version", "serial", "warm_up_s", "modules", "made"))
+    version = members.integer("version")
+    if version != VERSION:
+        raise InvalidInput(f"version is {version}; this pretouch reads version {VERSION}.")
+    modules = tuple(_module(item, f"modules[{k}]") for k, item in enumerate(members.items("modules")))
+    calibration = Calibration(members.text("serial"), members.number("warm_up_s"), modules)
+    return calibration, _record(members, modules) if "made" in members else None
+
+
+def _module(value: object, path: str) -> ModuleCalibration:
+    members = Members(value, path, tuple(_MODULE.values()))
+    numbers = {name: members.number(member) for name, member in _MODULE.items()}
+    with at(path):
+        return ModuleCalibration(**numbers)
+
+
+def _record(document: Members, modules: tuple[ModuleCalibration, ...]) -> Record:
+    members = document.members("made", ("date", "device", "modules"))
+    date = members.text("date")
+    try:
+        datetime.fromisoformat(date)
+    except ValueError as error:
+        raise InvalidInput(f"made.date is {date!r:.40}, no ISO 8601 date.") from error
+    fits = members.items("modules")
+    if len(fits) != len(modules):
+        raise InvalidInput(f"made.modules has {len(fits)} items, modules {len(modules)}.")
+    pairs = enumerate(zip(modules, fits, strict=True))
+    return Record(
+        date, members.text("device"), tuple(_fit(module, fit, f"made.modules[{k}]") for k, (module, fit) in pairs)
+    )
+
+
+def _fit(module: ModuleCalibration, value: object, path: str) -> ModuleFit:
+    members = Members(value, path, ("problem", "standard_errors", "step_m", "distances"))
+    errors = members.members("standard_errors", tuple(_MODULE.values()))
+    points = [_point(item, f"{path}.distances[{k}]") for k, item in enumerate(members.items("distances"))]
+    return ModuleFit(
+        module,
+        StandardErrors(**{name: errors.number(member) for name, member in _MODULE.items()}),
+        members.number("step_m"),
+        tuple(points),
+        members.text("problem"),
+    )
+
+
+def _point(value: object, path: str) -> Point:
+    members = Members(value, path, _POINT)
+    outliers = [number(item, f"{path}.outliers_m[{k}]") for k, item in enumerate(members.items("outliers_m"))]
+    return Point(
+        members.number("distance_m"),
+        members.number("mean_m"),
+        members.number("std_m"),
+        integer(members.get("samples"), f"{path}.samples"),
+        tuple(outliers),
+        members.number("residual_m"),
+    )
+
+
+def _fit_to_json(fit: ModuleFit) -> dict[str, Any]:
+    return {
+        "problem": fit.problem,
+        "standard_errors": _named(asdict(fit.errors)),
+        "step_m": fit.step,
+        "distances": [
+            {
+                "distance_m": point.distance,
+                "mean_m": point.mean,
+                "std_m": point.std,
+                "samples": point.samples,
+                "outliers_m": list(point.outliers),
+                "residual_m": point.residual,
+            }
+            for point in fit.points
+        ],
+    }
+
+
+def _named(values: dict[str, float]) -> dict[str, float]:
+    return {_MODULE[name]: value for name, value in values.items()}
+
+
+def _laid_out(value: Any, depth: int = 0) -> str:
+    """JSON with a line for each member or item, except those of which a line can hold all."""
+    whole = json.dumps(value, allow_nan=False)
+    if not isinstance(value, dict | list) or (len(whole) <= 160 and depth):
+        return whole
+    margin = "\n" + " " * (depth + 1)
+    if isinstance(value, dict):
+        return (
+            "{"
+            + margin
+            + f",{margin}".join(f"{json.dumps(name)}: {_laid_out(item, depth + 1)}" for name, item in value.items())
+            + margin[:-1]
+            + "}"
+        )
+    return "[" + margin + f",{margin}".join(_laid_out(item, depth + 1) for item in value) + margin[:-1] + "]"
+
+
+def _not_finite(constant: str) -> float:
+    raise Malformed(f"it holds {constant}, which is no number.")
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    members = dict(pairs)
+    if len(members) != len(pairs):
+        names = [name for name, _ in pairs]
+        raise InvalidInput(f"it has {max(names, key=names.count)!r:.80} twice in one object.")
+    return members
