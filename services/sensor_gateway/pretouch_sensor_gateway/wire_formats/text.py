@@ -1,0 +1,62 @@
+"""A device that prints a line for every measurement."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+from pretouch_sensor_gateway.wire_formats.lines import LineSplitter
+from pretouch_sensor_gateway.wire_formats.messages import MAX_MODULES
+from pretouch_sensor_gateway.wire_formats.received import Measurement, Received, Refusal
+
+ReadLine = Callable[[str], Measurement | None]
+"""What a line of printable ASCII says; None if it is not of the format."""
+
+
+class TextFormat:
+    """A line-based format (a `WireFormat`). Nothing is ever sent to such a device.
+
+    Lines have no checksum, so a lost byte can join or cut numbers. A line with another number of modules than those
+    before is therefore refused; when a second one has that number before any has the old one, it holds from then on.
+
+    Args:
+        name: as a configuration names it.
+        read: reads a line.
+        tick_modulus: microseconds at which the device's time wraps; None if it tells none.
+    """
+
+    two_way = False
+
+    def __init__(self, name: str, read: ReadLine, tick_modulus: int | None = None) -> None:
+        self.name = name
+        self.tick_modulus = tick_modulus
+        self.refused: Counter[Refusal] = Counter()
+        self._read = read
+        self._lines = LineSplitter()
+        self._modules: int | None = None
+        self._rival_modules: int | None = None
+
+    def feed(self, data: bytes) -> list[Received]:
+        received: list[Received] = []
+        for line in self._lines.feed(data):
+            outcome = line if isinstance(line, Refusal) else self._measurement(line)
+            if isinstance(outcome, Refusal):
+                self.refused[outcome] += 1
+            else:
+                received.append(outcome)
+        return received
+
+    def restart(self) -> None:
+        self._lines.restart()
+        self._modules = self._rival_modules = None
+
+    def _measurement(self, line: str) -> Measurement | Refusal:
+        measurement = self._read(line)
+        if measurement is None or not 1 <= len(measurement.ranges) <= MAX_MODULES:
+            return Refusal.FIELDS
+        modules = len(measurement.ranges)
+        if self._modules is None or modules in (self._modules, self._rival_modules):
+            self._modules, self._rival_modules = modules, None
+            return measurement
+        self._rival_modules = modules
+        return Refusal.FIELDS
