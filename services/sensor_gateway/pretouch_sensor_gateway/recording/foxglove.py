@@ -1,0 +1,108 @@
+"""A device's measurements as messages that Foxglove draws.
+
+Frames are named after the device, `<device>/tip` and `<device>/module_<k>`, so that recordings of several fingers can
+be looked at together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.Pose_pb2 import Pose as FoxglovePose
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from pretouch.errors import InvalidInput
+from pretouch.geometry import Pose
+from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.wire.common import array_from_proto
+
+_FLOAT32, _UINT8 = PackedElementField.FLOAT32, PackedElementField.UINT8
+_FIELDS = (
+    ("x", "<f4", _FLOAT32),
+    ("y", "<f4", _FLOAT32),
+    ("z", "<f4", _FLOAT32),
+    ("module", "u1", _UINT8),
+    ("status", "u1", _UINT8),
+    ("flags", "u1", _UINT8),
+)
+_POINT = np.dtype([(name, kind) for name, kind, _ in _FIELDS])
+
+
+class PointClouds:
+    """Draws batches as point clouds in the tip's frame.
+
+    Args:
+        device: whose frames these are.
+        tip_T_module: pose of each module in the tip frame; modules beyond these are not drawn.
+    """
+
+    def __init__(self, device: str, tip_T_module: Sequence[Pose]) -> None:
+        matrices = np.stack([pose.matrix for pose in tip_T_module])
+        self._origins, self._directions = matrices[:, :3, 3], matrices[:, :3, 2]
+        self._unchanging = PointCloud(
+            frame_id=tip_frame(device),
+            pose=FoxglovePose(position=Vector3(), orientation=Quaternion(w=1.0)),
+            point_stride=_POINT.itemsize,
+            fields=[
+                PackedElementField(name=name, offset=_POINT.fields[name][1], type=kind)  # type: ignore[index]
+                for name, _, kind in _FIELDS
+            ],
+        ).SerializeToString()
+
+    def of(self, batch: pb.RangeBatch, time: int) -> bytes | None:
+        """A serialised PointCloud of every range of the batch, those with a bad status too; none for a batch that does
+        not hold together. A batch of misses alone gives an empty cloud, so that no older one stays in the picture.
+        """
+        try:
+            ranges = array_from_proto(batch.range, "range")
+            status = array_from_proto(batch.status, "status")
+            flags = array_from_proto(batch.flags, "flags")
+        except InvalidInput:
+            return None
+        if not (ranges.ndim == 2 and ranges.shape == status.shape == flags.shape):
+            return None
+        ranges = ranges[:, : len(self._origins)]
+        frame, module = np.nonzero(np.isfinite(ranges))
+        positions = self._origins[module] + ranges[frame, module, None] * self._directions[module]
+        points = np.empty(len(module), _POINT)
+        points["x"], points["y"], points["z"] = positions.T
+        points["module"] = module
+        points["status"] = status[frame, module]
+        points["flags"] = flags[frame, module]
+        # Serialised messages that follow one another are read as one, so what never changes is serialised once.
+        return self._unchanging + PointCloud(timestamp=_stamp(time), data=points.tobytes()).SerializeToString()
+
+
+def transforms(device: str, tip_T_module: Sequence[Pose], time: int) -> bytes:
+    """A serialised FrameTransforms that places the modules in the tip's frame."""
+    message = FrameTransforms()
+    for k, pose in enumerate(tip_T_module):
+        x, y, z, w = pose.quaternion
+        message.transforms.add(
+            timestamp=_stamp(time),
+            parent_frame_id=tip_frame(device),
+            child_frame_id=f"{device}/module_{k}",
+            translation=Vector3(x=pose.translation[0], y=pose.translation[1], z=pose.translation[2]),
+            rotation=Quaternion(x=x, y=y, z=z, w=w),
+        )
+    return message.SerializeToString()
+
+
+def log(device: str, text: str, time: int) -> bytes:
+    """A serialised Log of something that happened."""
+    return Log(timestamp=_stamp(time), level=Log.INFO, message=text, name=device).SerializeToString()
+
+
+def tip_frame(device: str) -> str:
+    return f"{device}/tip"
+
+
+def _stamp(time: int) -> Timestamp:
+    return Timestamp(seconds=time // 10**9, nanos=time % 10**9)

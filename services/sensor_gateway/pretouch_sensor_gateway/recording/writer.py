@@ -1,0 +1,89 @@
+"""The thread that writes the recordings of all devices."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Self
+
+import structlog
+
+from pretouch_sensor_gateway.recording.limits import Limits
+from pretouch_sensor_gateway.recording.recorder import Recorder
+from pretouch_sensor_gateway.recording.series import FileSeries
+
+_LAST_WRITE = 10.0
+"""Seconds that the end of the gateway waits for a disk that hangs."""
+
+
+class RecordingWriter:
+    """Writes each device's recordings to a folder of `root`, from entering a `with` block to its end.
+
+    One thread serves all devices: it takes what has come of each and hands it to the operating system at once. Leaving
+    the block finishes all files.
+
+    Args:
+        root: the folder of folders; created if it does not exist.
+        limits: of each device.
+        clock: a steady clock, s.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        log: structlog.typing.FilteringBoundLogger,
+        limits: Limits | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._root = root
+        self._log = log
+        self._limits = limits or Limits()
+        self._clock = clock
+        self._recorders: tuple[Recorder, ...] = ()
+        self._something_to_write = threading.Event()
+        self._ending = False
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+
+    def recorder(self, device: str) -> Recorder:
+        """A new recorder of `device`.
+
+        Raises:
+            InvalidInput: the device's name is no name of a folder.
+        """
+        log = self._log.bind(device=device)
+        files = FileSeries(self._root, device, self._limits, log)
+        recorder = Recorder(files, self._something_to_write.set, log)
+        self._recorders += (recorder,)
+        return recorder
+
+    def __enter__(self) -> Self:
+        """Starts the thread.
+
+        Raises:
+            OSError: `root` cannot be created.
+        """
+        self._root.mkdir(parents=True, exist_ok=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Finishes all files; returns within seconds even if the disk hangs."""
+        for recorder in self._recorders:
+            recorder.stop()
+        self._ending = True
+        self._something_to_write.set()
+        self._thread.join(_LAST_WRITE)
+        if self._thread.is_alive():
+            pending = sum(recorder.status().pending for recorder in self._recorders)
+            self._log.warning("the disk hangs: the last frames are not recorded", root=str(self._root), frames=pending)
+
+    def _run(self) -> None:
+        ending = False
+        while not ending:
+            self._something_to_write.wait()
+            self._something_to_write.clear()
+            ending = self._ending
+            for recorder in self._recorders:
+                recorder.write_pending(self._clock())
