@@ -1,0 +1,152 @@
+"""`pretouch gateway calibrate`: a plate at known distances before the finger, and its readings become ranges."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from pretouch.channel import open_sync_channel
+from pretouch.cli import TlsCa, TlsCert, TlsKey, Token
+from pretouch.errors import InvalidInput, Unavailable
+from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
+from pretouch_sensor_gateway.calibration.file import save
+from pretouch_sensor_gateway.calibration.model import MAX_WARM_UP, Calibration
+from pretouch_sensor_gateway.calibration.readings import returns
+from pretouch_sensor_gateway.calibration.record import ModuleFit, Record
+from pretouch_sensor_gateway.calibration.session import Plan, Session
+from pretouch_sensor_gateway.calibration.subject import Subject
+from pretouch_sensor_gateway.calibration.table import remarks, table
+
+_INTERRUPTED = 130
+_LEAST_AFTER_INTERRUPTION = 2
+
+
+def calibrate(
+    gateway: Annotated[str, typer.Option(help="host:port of a running gateway.")] = "127.0.0.1:50053",
+    device: Annotated[str, typer.Option(help="The device's name.", show_default="the only one")] = "",
+    distances: Annotated[
+        str, typer.Option(help="Distances of the plate from the finger's reference, mm, in the order of measuring.")
+    ] = "15,20,30,40,50,60,80,100",
+    samples: Annotated[int, typer.Option(min=20, max=10_000, help="Measurements at each distance.")] = 60,
+    warm_up: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            max=MAX_WARM_UP,
+            help="Seconds that the modules need to get warm: waited first; and the gateway flags ranges that "
+            "come sooner after the device's start.",
+        ),
+    ] = 60.0,
+    out: Annotated[Path, typer.Option(help="Where the calibration goes.")] = Path("calibration.json"),
+    report: Annotated[Path, typer.Option(help="Where the picture of the fit goes, a .png file.")] = Path(
+        "calibration.png"
+    ),
+    apply: Annotated[bool, typer.Option("--apply", help="Make the gateway use it at once, until it ends.")] = False,
+    token: Token = None,
+    tls_ca: TlsCa = None,
+    tls_cert: TlsCert = None,
+    tls_key: TlsKey = None,
+) -> None:
+    """Calibrate a finger's modules with a plate at known distances."""
+    plan = Plan(_distances(distances), samples, warm_up)
+    with open_sync_channel(gateway, token, tls_ca, tls_cert, tls_key) as channel:
+        calibrate_through(SensorGatewayServiceStub(channel), device, plan, out, report, apply)
+
+
+def calibrate_through(stub: Any, device: str, plan: Plan, out: Path, report: Path, apply: bool) -> None:
+    """All of the command but the connection.
+
+    Args:
+        stub: a `SensorGatewayServiceStub` on a synchronous channel.
+        device, plan, out, report, apply: as the options of `calibrate`.
+
+    Raises:
+        PretouchError: before anything is measured, if it could come to nothing: no matplotlib or scipy, no place for
+            the files, no gateway, no such device, no ranges. After, only if a file cannot be written, or the gateway
+            refuses the calibration.
+        typer.Exit: 130, interrupted before there was enough for a fit.
+    """
+    fit, write_picture = _fitting()
+    for path in (out, report):
+        _check_writable(path)
+    if report.suffix.lower() != ".png":
+        raise InvalidInput(f"{report.name} is no .png file.", "Give --report FILE.png.")
+    console = Console(highlight=False)
+    subject = Subject(stub, device)
+    session = Session(subject, plan, console, lambda question: console.input(question, markup=False))
+    complete = session.run()
+    measured = len(session.readings)
+    if not complete:
+        console.print(f"Interrupted: {measured} of {len(plan.distances)} distances were measured.")
+        if measured < _LEAST_AFTER_INTERRUPTION:
+            console.print(
+                f"At least {_LEAST_AFTER_INTERRUPTION} are needed: nothing was saved, and what was measured is lost."
+            )
+            raise typer.Exit(_INTERRUPTED)
+    if not measured:
+        raise InvalidInput("No distance was measured, and nothing was saved.", "Measure three distances or more.")
+    columns = {distance: returns(raw) for distance, raw in session.readings.items()}
+    fits = tuple(fit({distance: column[k] for distance, column in columns.items()}) for k in range(session.modules))
+    calibration = Calibration(subject.serial, plan.warm_up, tuple(each.calibration for each in fits))
+    record = Record(datetime.now(UTC).isoformat(timespec="seconds"), subject.name, fits)
+    save(out, calibration, record)
+    console.print(table(fits))
+    for remark in remarks(fits):
+        console.print(remark, markup=False)
+    console.print(f"Saved {out}.", markup=False, soft_wrap=True)
+    write_picture(report, calibration, record)
+    console.print(f"Drew {report}.", markup=False, soft_wrap=True)
+    if apply:
+        subject.apply(calibration)
+        console.print(f"The gateway uses it for {subject.name} until it ends. To keep it, configure:")
+    else:
+        console.print("To use it, configure the gateway; the call Configure, as by --apply, needs no restart:")
+    console.print(f"\n{_configuration(subject.name, out)}", markup=False, soft_wrap=True)
+
+
+def _fitting() -> tuple[Callable[..., ModuleFit], Callable[..., None]]:
+    """`fit` and `write_picture`, whose packages the gateway itself does not need."""
+    try:
+        from pretouch_sensor_gateway.calibration.fit import fit
+        from pretouch_sensor_gateway.calibration.picture import write_picture
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] not in ("scipy", "matplotlib"):
+            raise
+        raise Unavailable(
+            f"Calibrating needs the package {error.name}, which is not installed.",
+            "Run: pip install 'pretouch[calibrate]'",
+        ) from error
+    return fit, write_picture
+
+
+def _distances(text: str) -> tuple[float, ...]:
+    """m, from comma-separated mm."""
+    try:
+        millimetres = [float(part) for part in text.split(",")]
+    except ValueError:
+        millimetres = []
+    if not millimetres or not all(0 < each <= 10_000 for each in millimetres):
+        raise InvalidInput(f"--distances {text!r} are none.", "Give millimetres, as 15,20,30,50,80.")
+    if len(set(millimetres)) < len(millimetres):
+        raise InvalidInput(f"--distances {text!r} names one twice.", "Name each distance once.")
+    return tuple(round(each / 1000, 9) for each in millimetres)
+
+
+def _check_writable(path: Path) -> None:
+    folder = path.parent
+    if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise InvalidInput(f"{path} cannot be written.", f"Make the folder {folder}, or name another place.")
+
+
+def _configuration(device: str, path: Path) -> str:
+    """What the gateway's TOML file says to use the calibration."""
+    key = device if re.fullmatch(r"[A-Za-z0-9_-]+", device) else json.dumps(device)
+    return f"[devices.{key}]\ncalibration = {json.dumps(str(path.resolve()))}"

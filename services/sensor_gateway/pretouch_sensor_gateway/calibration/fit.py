@@ -1,0 +1,116 @@
+"""A module's calibration from what it read at known distances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from pretouch.errors import InvalidInput
+from pretouch.geometry import Array
+from pretouch_sensor_gateway.calibration.model import ModuleCalibration
+from pretouch_sensor_gateway.calibration.noise import LEAST_STD, SIGNIFICANT, fit_noise
+from pretouch_sensor_gateway.calibration.readings import cleaned, step_of
+from pretouch_sensor_gateway.calibration.record import ModuleFit, Point, StandardErrors
+
+PLACEMENT_STD = 0.0002
+"""m, how exactly a plate is placed by hand against gauge blocks or a calliper. It keeps a fit to a thousand readings
+from believing in micrometres, and where there are no more distances than parameters it is all that tells of errors."""
+_START = (0.0, 1.0, 0.0)
+_SCALES = (1e-3, 1e-2, 1.0)
+_MOST_GLASS = 0.9
+"""Of the target's own light: the farthest distance stays within the reach, and the curve can be inverted."""
+
+
+def fit(readings: Mapping[float, Array]) -> ModuleFit:
+    """Fits the model of `model.py` to readings at one distance or more.
+
+    One distance tells the offset, two the scale too. Three or more could tell the crosstalk, which is taken only if it
+    exceeds two of its standard errors; else it is exactly 0 and the other parameters are fitted without it. Standard
+    errors come from the readings' noise, their steps, and `PLACEMENT_STD`; if the residuals are larger than these
+    explain, they grow accordingly.
+
+    Args:
+        readings: distance in m -> readings (n,), m, finite, of status 0; a distance without readings is none.
+    """
+    measured = {distance: values for distance, values in sorted(readings.items()) if len(values)}
+    if not measured:
+        return ModuleFit(problem="It returned too little at every distance.")
+    step = step_of(measured.values())
+    points = tuple(cleaned(distance, values, step) for distance, values in measured.items())
+    values, errors = _curve(points, step)
+    try:
+        curve = ModuleCalibration(**values)
+        noise = fit_noise(points, curve, step)
+        calibration = replace(curve, std=round(max(noise.std, LEAST_STD), 7), std_slope=round(noise.std_slope, 6))
+    except InvalidInput as error:
+        return ModuleFit(step=step, points=points, problem=f"{error.detail} {error.remedy}")
+    standard_errors = StandardErrors(**errors, std=round(noise.std_error, 7), std_slope=round(noise.std_slope_error, 6))
+    return ModuleFit(calibration, standard_errors, step, tuple(_judged(point, curve) for point in points))
+
+
+def _curve(points: Sequence[Point], step: float) -> tuple[dict[str, float], dict[str, float]]:
+    """Offset, scale and crosstalk, and their standard errors."""
+    r = np.array([point.distance for point in points])
+    means = np.array([point.mean for point in points])
+    errors = np.array([_error_of_mean(point, step) for point in points])
+    found = _solved(r, means, errors, min(len(points), 3))
+    if len(points) >= 3 and found[0][2] <= SIGNIFICANT * found[1][2]:
+        found = _solved(r, means, errors, 2)
+    return _named([*found[0], *_START[len(found[0]) :]]), _named([*found[1], 0.0, 0.0])
+
+
+def _named(numbers: Sequence[float]) -> dict[str, float]:
+    """With the digits that a person can make use of."""
+    digits = {"offset": 7, "scale": 6, "crosstalk": 4}
+    return {name: round(float(number), places) for (name, places), number in zip(digits.items(), numbers, strict=False)}
+
+
+def _error_of_mean(point: Point, step: float) -> float:
+    """One standard deviation of the mean reading about what the model says, m.
+
+    Noise of half a step or more averages the rounding out; without noise it stays. What is left of its step / sqrt(12)
+    falls as exp(-2 pi^2 (std / step)^2) (Widrow and Kollar, Quantization Noise, 2008: the first harmonic).
+    """
+    rounding = 0.0
+    if step:
+        rounding = step / np.sqrt(12) * np.exp(-2 * (np.pi * point.std / step) ** 2)
+    return float(np.sqrt(max(point.std, LEAST_STD) ** 2 / point.samples + rounding**2 + PLACEMENT_STD**2))
+
+
+def _solved(r: Array, means: Array, errors: Array, free: int) -> tuple[Array, Array]:
+    """The first `free` parameters of offset, scale and crosstalk by weighted least squares, and standard errors."""
+
+    def whole(parameters: Array) -> Array:
+        return np.array([*parameters, *_START[free:]])
+
+    def residuals(parameters: Array) -> Array:
+        offset, scale, crosstalk = whole(parameters)
+        return np.asarray((offset + scale * r / (1 + crosstalk * r**2) - means) / errors)
+
+    def jacobian(parameters: Array) -> Array:
+        _, scale, crosstalk = whole(parameters)
+        light = 1 + crosstalk * r**2
+        columns = np.stack([np.ones_like(r), r / light, -scale * r**3 / light**2], axis=1)
+        return np.asarray(columns[:, :free] / errors[:, None])
+
+    most = _MOST_GLASS / r.max() ** 2
+    result = least_squares(
+        residuals,
+        _START[:free],
+        jacobian,
+        bounds=((-np.inf, -np.inf, -most)[:free], (np.inf, np.inf, most)[:free]),
+        x_scale=_SCALES[:free],
+    )
+    covariance = np.linalg.inv(result.jac.T @ result.jac)
+    spare = len(r) - free
+    unexplained = max(1.0, 2 * result.cost / spare) if spare else 1.0
+    return np.asarray(result.x), np.sqrt(np.diag(covariance) * unexplained)
+
+
+def _judged(point: Point, model: ModuleCalibration) -> Point:
+    r = np.array(point.distance)
+    residual = float((point.mean - model.reading(r)) * model.gain(r))
+    return Point(point.distance, point.mean, point.std, point.samples, point.outliers, round(residual, 7))

@@ -1,0 +1,36 @@
+"""Did the plate stand still while a module was read?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pretouch.geometry import Array
+from pretouch_sensor_gateway.calibration.readings import cleaned
+
+_LEAST_SHIFT = 0.001
+"""m: less is no motion worth a repetition."""
+_SHIFT_ERRORS = 6.0
+"""Standard errors of the difference of two means: of a million still plates, none is refused."""
+_LEAST_SHAKE = 0.001
+_SHAKE = 3.0
+"""How many times the largest noise elsewhere; a module's own noise grows less from one distance to the next."""
+
+
+def motion(readings: Array, elsewhere: Sequence[float]) -> str:
+    """What speaks against the readings (n,), m, in the order of time, n >= 10, at one distance; "" if nothing does.
+
+    A plate that was moved: the means of the three thirds differ by more than the noise within them explains. A plate
+    that was shaken: the noise is much larger than `elsewhere`, the standard deviations in m at other distances.
+    """
+    points = [cleaned(0.0, third, 0.0) for third in np.array_split(readings, 3)]
+    means = [point.mean for point in points]
+    shift = max(means) - min(means)
+    within = float(np.sqrt(np.mean([point.std**2 for point in points])))
+    if shift > max(_LEAST_SHIFT, _SHIFT_ERRORS * within * np.sqrt(2 / (len(readings) / 3))):
+        return f"its readings moved by {1000 * shift:.1f} mm"
+    std = cleaned(0.0, readings, 0.0).std
+    if elsewhere and std > max(_LEAST_SHAKE, _SHAKE * max(elsewhere)):
+        return f"its noise is {1000 * std:.1f} mm, at most {1000 * max(elsewhere):.1f} mm elsewhere"
+    return ""

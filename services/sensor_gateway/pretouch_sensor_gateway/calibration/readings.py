@@ -1,0 +1,54 @@
+"""What a module read at one distance: without the outliers, and in which steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from pretouch.geometry import Array
+from pretouch_sensor_gateway.calibration.record import Point
+
+_REJECTED = 5.0
+"""Standard deviations from the median at which a reading is an outlier: of a million good ones, one."""
+_MAD_TO_STD = 1.4826
+"""Of a normal distribution."""
+_LEAST_SPREAD = 5e-5
+"""m: readings that all but agree make no outlier of one that does not quite."""
+_UNIT = 1e-5
+"""m: a tenth of the finest step that a wire format can send."""
+
+_LEAST_RETURNS = 10
+_LEAST_SHARE = 0.25
+"""Of the measurements at a distance that a module must have answered to be used there."""
+
+
+def returns(raw: Array) -> list[Array]:
+    """The readings (n,) of each module out of raw (f, k), NaN where it gave none; (0,) if it hardly answered."""
+    least = max(_LEAST_RETURNS, _LEAST_SHARE * len(raw))
+    columns = [column[np.isfinite(column)] for column in raw.T]
+    return [column if len(column) >= least else column[:0] for column in columns]
+
+
+def step_of(readings: Iterable[Array]) -> float:
+    """The step, m, that all readings are multiples of; 0 if none is visible."""
+    units = np.unique(np.concatenate(list(readings))) / _UNIT
+    whole = np.round(units)
+    if len(whole) < 2 or np.abs(units - whole).max() > 0.1:
+        return 0.0
+    return float(np.gcd.reduce(np.diff(whole).astype(np.int64)) * _UNIT)
+
+
+def cleaned(distance: float, readings: Array, step: float) -> Point:
+    """Readings (n,), m, n > 0, finite, of which the outliers are told apart.
+
+    An outlier lies more than five standard deviations from the median, these estimated from the median absolute
+    deviation, and never less than half a step: where the noise is less than a step, most readings agree.
+    """
+    deviation = np.abs(readings - np.median(readings))
+    spread = max(_MAD_TO_STD * float(np.median(deviation)), step / 2, _LEAST_SPREAD)
+    outlying = deviation > _REJECTED * spread
+    kept = readings[~outlying]
+    std = float(kept.std(ddof=1)) if len(kept) > 1 else 0.0
+    outliers = tuple(round(float(reading), 7) for reading in readings[outlying])
+    return Point(distance, round(float(kept.mean()), 7), round(std, 7), len(kept), outliers)
