@@ -1,0 +1,148 @@
+"""What must hold for every wire format, whatever a device sends."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter, deque
+from collections.abc import Iterable
+
+from cobs import cobs
+from fastcrc import crc16
+from pretouch_sensor_gateway.wire_formats.binary import MAX_FRAME
+from pretouch_sensor_gateway.wire_formats.known import KNOWN
+from pretouch_sensor_gateway.wire_formats.lines import BLANK, MAX_LINE
+from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, MAX_FIRMWARE, MAX_MODULES
+from pretouch_sensor_gateway.wire_formats.received import OK, Identity, Measurement, Received, Refusal, WireFormat
+from pretouch_sensor_gateway.wire_formats.recognition import AUTO, FORMATS, ROUND, format_named
+
+from fuzz.streams import STREAMS
+
+KINDS = ("framed", *FORMATS)
+"""What an input's bytes stand for: a format's stream, or bodies of the binary format without checksum and framing."""
+SEPARATOR = b"\xff\xfe"
+"""Between the bodies of a `framed` input."""
+
+_MAX_HELD = {AUTO: ROUND + MAX_FRAME + MAX_LINE, "binary": MAX_FRAME}
+
+
+def check_input(raw: bytes) -> None:
+    """Checks what `raw` stands for: a byte for the kind, one for the length of the pieces, then the stream.
+
+    Raises:
+        AssertionError: an invariant does not hold.
+    """
+    if len(raw) < 2:
+        return
+    kind = KINDS[raw[0] % len(KINDS)]
+    if kind == "framed":
+        check("binary", b"".join(map(_framed, raw[2:].split(SEPARATOR))), raw[1] + 1)
+    else:
+        check(kind, raw[2:], raw[1] + 1)
+
+
+def check(name: str, data: bytes, step: int) -> None:
+    """Checks the format `name` on `data`, heard at once and in pieces of `step` bytes.
+
+    Raises:
+        AssertionError: an invariant does not hold.
+    """
+    whole, pieces = format_named(name), format_named(name)
+    received = whole.feed(data)
+    in_pieces: list[Received] = []
+    for number, start in enumerate(range(0, len(data), step)):
+        in_pieces += pieces.feed(data[start : start + step])
+        if number % 8 == 0:  # often enough: what is kept grows from piece to piece
+            assert _held(pieces) <= _MAX_HELD.get(name, MAX_LINE), "it keeps more than it may"
+    assert _told(received) == _told(in_pieces), "it depends on where the bytes are cut"
+    assert (whole.refused, whole.name) == (pieces.refused, pieces.name), "it depends on where the bytes are cut"
+    for message in received:
+        _check_values(message, whole)
+    if name == AUTO:
+        _check_recognition(data)
+    else:
+        assert len(received) + whole.refused.total() == _ended(name, data), "it loses count"
+    _check_recovery(whole, data)
+
+
+def _check_values(message: Received, wire_format: WireFormat) -> None:
+    """A message holds only values that its type promises."""
+    if isinstance(message, Identity):
+        assert message.firmware == "" or message.firmware.isprintable()
+        assert len(message.firmware) <= MAX_FIRMWARE
+    if not isinstance(message, Measurement):
+        assert wire_format.two_way
+        return
+    assert 1 <= len(message.ranges) == len(message.status) <= MAX_MODULES
+    assert all(0 <= status <= 255 for status in message.status)
+    assert message.sequence is None or 0 <= message.sequence < COUNTER_MODULUS
+    assert (message.micros is None) == (wire_format.tick_modulus is None)
+    assert message.micros is None or 0 <= message.micros < (wire_format.tick_modulus or 0)
+    for metres, status in zip(message.ranges, message.status, strict=True):
+        assert math.isnan(metres) or 0 <= metres <= 6.5535
+        assert wire_format.two_way or metres > 0 or status != OK, "a good status without a range"
+
+
+def _check_recognition(data: bytes) -> None:
+    """Once recognised, all of the round comes out as the format alone would give it; before, all is counted."""
+    recognition = format_named(AUTO)
+    given_up: Counter[Refusal] = Counter()
+    for start in range(0, len(data), ROUND):
+        block = data[start : start + ROUND]
+        received = recognition.feed(block)
+        if recognition.name:
+            alone = KNOWN[recognition.name]()
+            received += recognition.feed(data[start + ROUND :])
+            assert _told(received) == _told(alone.feed(data[start:])), "it lost something"
+            assert recognition.refused == given_up + alone.refused, "it loses count"
+            return
+        assert (received, recognition.two_way, recognition.tick_modulus) == ([], False, None)
+        if len(block) == ROUND:
+            given_up[Refusal.ENCODING] += _pieces(re.split(rb"[\0\r\n]", block))
+        assert recognition.refused == given_up, "it loses count"
+
+
+def _check_recovery(wire_format: WireFormat, data: bytes) -> None:
+    """A good stream is read after anything, and after a cut as if nothing had come before."""
+    told = STREAMS.get(wire_format.name)
+    if told:
+        stream = told[len(data) % len(told)]
+        assert _told(wire_format.feed(b"\0\n" + stream))[-1] == _ALONE[stream][-1], "it does not recover"
+    wire_format.restart()
+    assert _held(wire_format) == 0, "it keeps something over a cut"
+    after = told or list(_ALONE)
+    stream = after[len(data) % len(after)]
+    assert _told(wire_format.feed(stream)) == _ALONE[stream], "it hears what came before a cut"
+
+
+def _ended(name: str, data: bytes) -> int:
+    """How many frames or lines that are not empty `data` ends."""
+    if name == "binary":
+        return sum(map(bool, data.split(b"\0")[:-1]))
+    return _pieces(re.split(rb"[\r\n]", data)[:-1])
+
+
+def _pieces(pieces: Iterable[bytes]) -> int:
+    return sum(bool(piece.strip(BLANK)) for piece in pieces)
+
+
+def _told(received: Iterable[Received]) -> list[str]:
+    return [repr(message) for message in received]  # NaN does not equal itself
+
+
+_ALONE = {stream: _told(KNOWN[name]().feed(stream)) for name, streams in STREAMS.items() for stream in streams}
+"""What each good stream says when nothing comes before it."""
+
+
+def _framed(body: bytes) -> bytes:
+    encoded: bytes = cobs.encode(body + crc16.ibm_3740(body).to_bytes(2, "little"))
+    return encoded + b"\0"
+
+
+def _held(thing: object) -> int:
+    """Bytes that `thing` keeps, in all that it consists of."""
+    if isinstance(thing, bytes | bytearray):
+        return len(thing)
+    if isinstance(thing, list | tuple | deque):
+        return sum(map(_held, thing))
+    return sum(map(_held, vars(thing).values())) if hasattr(thing, "__dict__") and not isinstance(thing, type) else 0

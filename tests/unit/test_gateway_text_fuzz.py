@@ -1,0 +1,35 @@
+"""The fuzzer's invariants over a fixed set of inputs, without the fuzzer."""
+
+from __future__ import annotations
+
+import pytest
+from pretouch_sensor_gateway.wire_formats.known import KNOWN
+from pretouch_sensor_gateway.wire_formats.recognition import AUTO, Recognition, format_named
+
+from fuzz import harness
+from fuzz.mutation import mutated
+from fuzz.seeds import seeds
+from fuzz.streams import STREAMS
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_invariants_hold_for_mutated_streams(seed: int) -> None:
+    for data in mutated(seeds(), 500, seed):
+        harness.check_input(data)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_every_sample_stream_is_read_and_recognised(name: str) -> None:
+    for stream in STREAMS[name]:
+        named, recognised = format_named(name), format_named(AUTO)
+        received = named.feed(stream)
+        assert len(received) >= 4
+        assert [repr(message) for message in recognised.feed(stream)] == [repr(message) for message in received]
+        assert recognised.name == name
+
+
+def test_the_invariants_notice_a_format_that_loses_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    feed = Recognition.feed
+    monkeypatch.setattr(Recognition, "feed", lambda self, data: feed(self, data)[1:])
+    with pytest.raises(AssertionError):
+        harness.check(AUTO, STREAMS["millimetres"][0], 7)
