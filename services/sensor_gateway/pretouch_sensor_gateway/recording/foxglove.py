@@ -70,9 +70,10 @@ class PointClouds:
             return None
         ranges = ranges[:, : len(self._origins)]
         frame, module = np.nonzero(np.isfinite(ranges))
-        positions = self._origins[module] + ranges[frame, module, None] * self._directions[module]
         points = np.empty(len(module), _POINT)
-        points["x"], points["y"], points["z"] = positions.T
+        with np.errstate(over="ignore", invalid="ignore"):  # a range that no float32 holds is drawn at infinity
+            positions = self._origins[module] + ranges[frame, module, None] * self._directions[module]
+            points["x"], points["y"], points["z"] = positions.T
         points["module"] = module
         points["status"] = status[frame, module]
         points["flags"] = flags[frame, module]

@@ -119,7 +119,9 @@ class Recorder:
             return
         if overflowed:
             self._log.warning("the disk is too slow to record all", frames=overflowed)
-            items.append(Happened(f"{overflowed} frames were not recorded: the disk is too slow", _AT_THAT_TIME))
+            last = max(index for index, item in enumerate(items) if isinstance(item, Measured))
+            text = f"{overflowed} frames were not recorded: the disk is too slow"
+            items.insert(last + 1, Happened(text, _AT_THAT_TIME))
         written = self._files.write(items, now)
         with self._lock:
             self._frames += written.recorded
