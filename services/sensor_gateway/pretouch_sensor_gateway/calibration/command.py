@@ -106,9 +106,10 @@ def calibrate_through(stub: Any, device: str, plan: Plan, out: Path, report: Pat
     console.print(f"Drew {report}.", markup=False, soft_wrap=True)
     if apply:
         subject.apply(calibration)
-        console.print(f"The gateway uses it for {subject.name} until it ends. To keep it, configure:")
+        console.print(f"The gateway uses it for {subject.name} until it ends. To keep it, configure it.", markup=False)
+
     else:
-        console.print("To use it, configure the gateway; the call Configure, as by --apply, needs no restart:")
+        console.print("To use it, configure the gateway; its call Configure (here: --apply) needs no restart.")
     console.print(f"\n{_configuration(subject.name, out)}", markup=False, soft_wrap=True)
 
 

@@ -46,9 +46,15 @@ def cleaned(distance: float, readings: Array, step: float) -> Point:
     deviation, and never less than half a step: where the noise is less than a step, most readings agree.
     """
     deviation = np.abs(readings - np.median(readings))
-    spread = max(_MAD_TO_STD * float(np.median(deviation)), step / 2, _LEAST_SPREAD)
-    outlying = deviation > _REJECTED * spread
+    width = max(_MAD_TO_STD * float(np.median(deviation)), step / 2, _LEAST_SPREAD)
+    outlying = deviation > _REJECTED * width
     kept = readings[~outlying]
     std = float(kept.std(ddof=1)) if len(kept) > 1 else 0.0
     outliers = tuple(round(float(reading), 7) for reading in readings[outlying])
     return Point(distance, round(float(kept.mean()), 7), round(std, 7), len(kept), outliers)
+
+
+def spread(readings: Array) -> float:
+    """One standard deviation, m, of readings (n,) without the outliers; not less than rounding alone makes."""
+    step = step_of([readings])
+    return max(cleaned(0.0, readings, step).std, step / float(np.sqrt(12)))

@@ -8,13 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array
 from pretouch_sensor_gateway.calibration.motion import motion
-from pretouch_sensor_gateway.calibration.readings import cleaned, returns
+from pretouch_sensor_gateway.calibration.readings import returns, spread
 from pretouch_sensor_gateway.calibration.subject import Frames
 
 
@@ -62,12 +63,9 @@ class Session:
         try:
             self._warm_up()
             self._converse()
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, EOFError):
             self._console.print()
             return False
-        except EOFError:
-            self._console.print()
-            return len(self.readings) == len(self._plan.distances)
         return True
 
     def _warm_up(self) -> None:
@@ -89,7 +87,13 @@ class Session:
             here = ahead[0] if ahead else None
             choices = [] if here is None else ["s: skip"]
             choices += [f"r: repeat {_mm(behind[-1])}"] if behind else []
-            answer = self._ask(_question(here) + (f" ({', '.join(choices)}) " if choices else " ")).strip().lower()
+            question = _question(here) + (f" ({', '.join(choices)}) " if choices else " ")
+            try:
+                answer = self._ask(question).strip().lower()
+            except EOFError:
+                if here is None:
+                    return
+                raise
             if answer == "r" and behind:
                 ahead.appendleft(behind.pop())
                 self.readings.pop(ahead[0], None)
@@ -133,7 +137,7 @@ class Session:
             if len(column) and (doubt := motion(column, self._elsewhere(distance, k)))
         ]
         if doubts:
-            stds = [cleaned(distance, column, 0.0).std if len(column) else 0.0 for column in columns]
+            stds = [spread(column) if len(column) else 0.0 for column in columns]
             self._refused.setdefault(distance, []).append(stds)
             self._say(
                 f"Not taken, was the plate moved? {_capital('; '.join(doubts))}. Hold it still and repeat; noise that "
@@ -141,7 +145,7 @@ class Session:
             )
             return False
         self.readings[distance] = frames.raw
-        means = ", ".join(f"{1000 * cleaned(distance, c, 0.0).mean:.1f}" if len(c) else "-" for c in columns)
+        means = ", ".join(f"{1000 * np.median(column):.1f}" if len(column) else "-" for column in columns)
         self._say(f"{_mm(distance)}: the modules read {means} mm.")
         if silent:
             self._say(f"Without enough returns, and left out at {_mm(distance)}: module {', '.join(silent)}.")
@@ -150,7 +154,7 @@ class Session:
     def _elsewhere(self, distance: float, module: int) -> list[float]:
         """The module's noise at the other distances, and in attempts at this one that were refused."""
         columns = [returns(raw)[module] for r, raw in self.readings.items() if r != distance]
-        stds = [cleaned(distance, column, 0.0).std for column in columns if len(column)]
+        stds = [spread(column) for column in columns if len(column)]
         return stds + [attempt[module] for attempt in self._refused.get(distance, [])] if stds else []
 
     def _say(self, text: str) -> None:

@@ -61,7 +61,17 @@ def remarks(fits: Sequence[ModuleFit]) -> list[str]:
         f"Module {k}: with this crosstalk nothing beyond {1000 * fits[k].calibration.reach:.0f} mm can be told."
         for k in glass
     ]
-    return said + _misplaced(fits)
+    return said + (_misplaced(fits) or _unexplained(fits))
+
+
+def _unexplained(fits: Sequence[ModuleFit]) -> list[str]:
+    said = []
+    for k, fit in enumerate(fits):
+        off = _rms([point.residual for point in fit.points])
+        noise = _rms([float(fit.calibration.std_at(np.array(point.distance))) for point in fit.points])
+        if off > max(_SUSPICIOUS, noise) and not fit.problem:
+            said.append(f"Module {k}: the model is still {1000 * off:.1f} mm off; were the distances right?")
+    return said
 
 
 def _misplaced(fits: Sequence[ModuleFit]) -> list[str]:
@@ -79,4 +89,4 @@ def _misplaced(fits: Sequence[ModuleFit]) -> list[str]:
 
 
 def _rms(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    return float(np.sqrt(np.mean(np.square(values)))) if values else 0.0
