@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import struct
+
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from pretouch.wire.common import array_from_proto, pose_from_proto
+from pretouch.wire.common import pose_from_proto
 from pretouch_sensor_gateway.recording import foxglove
 from pretouch_sensor_gateway.recording.channels import Channel, Entry
 
+_DOUBLE = struct.Struct("<d")
 _LATEST = 2**64 // 10**9
 """Seconds since the Unix epoch that MCAP's times can hold, in the year 2554."""
 
@@ -63,7 +66,5 @@ class Encoder:
 
 def _last_time(batch: pb.RangeBatch) -> float:
     """NaN if there is none."""
-    try:
-        return float(array_from_proto(batch.t, "t").ravel()[-1])
-    except (InvalidInput, IndexError):
-        return float("nan")
+    times = batch.t.data
+    return float(_DOUBLE.unpack_from(times, len(times) - 8)[0]) if len(times) >= 8 else float("nan")

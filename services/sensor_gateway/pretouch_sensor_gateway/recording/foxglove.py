@@ -6,6 +6,7 @@ be looked at together.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,10 +19,8 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from pretouch.wire.common import array_from_proto
 
 _FLOAT32, _UINT8 = PackedElementField.FLOAT32, PackedElementField.UINT8
 _FIELDS = (
@@ -60,15 +59,15 @@ class PointClouds:
         """A serialised PointCloud of every range of the batch, those with a bad status too; none for a batch that does
         not hold together. A batch of misses alone gives an empty cloud, so that no older one stays in the picture.
         """
-        try:
-            ranges = array_from_proto(batch.range, "range")
-            status = array_from_proto(batch.status, "status")
-            flags = array_from_proto(batch.flags, "flags")
-        except InvalidInput:
+        shape = tuple(batch.range.shape)
+        count = math.prod(shape)
+        arrays = batch.range.data, batch.status.data, batch.flags.data
+        if len(shape) != 2 or [*map(len, arrays)] != [8 * count, count, count]:
             return None
-        if not (ranges.ndim == 2 and ranges.shape == status.shape == flags.shape):
-            return None
-        ranges = ranges[:, : len(self._origins)]
+        ranges, status, flags = (
+            np.frombuffer(data, kind).reshape(shape)[:, : len(self._origins)]
+            for data, kind in zip(arrays, ("<f8", "u1", "u1"), strict=True)
+        )
         frame, module = np.nonzero(np.isfinite(ranges))
         points = np.empty(len(module), _POINT)
         with np.errstate(over="ignore", invalid="ignore"):  # a range that no float32 holds is drawn at infinity

@@ -30,7 +30,8 @@ class Written:
 
 
 class FileSeries:
-    """Writes a device's items to files that never exceed the limits. Not thread-safe; blocks on the disk.
+    """Writes a device's items to files that never exceed the limits. Blocks on the disk; one thread writes, any may read the
+    attributes.
 
     A file is opened by the first batch, so that there is none without any; events wait for it. When the disk refuses
     something, the file is cut back to its last whole record and left, and the next one is tried after `RETRY_AFTER`.
@@ -57,12 +58,14 @@ class FileSeries:
 
     @property
     def path(self) -> Path | None:
-        return self._file.path if self._file else None
+        file = self._file  # once, for the event loop asks while the thread opens and ends files
+        return file.path if file else None
 
     @property
     def bytes(self) -> int:
         """Of all of the device's recordings."""
-        return self._finished_bytes + (self._file.size if self._file else 0)
+        file = self._file
+        return self._finished_bytes + (file.size if file else 0)
 
     def write(self, items: Sequence[Item], now: float) -> Written:
         """Writes `items`, all in one go unless a file ends amid them; `now` in s of any steady clock."""
