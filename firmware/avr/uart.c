@@ -21,9 +21,9 @@ static volatile uint8_t received_out;
 
 void uart_init(void)
 {
-    UBRR0 = BAUD_DIVIDER;
     UCSR0A = _BV(U2X0);
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
+    UBRR0 = BAUD_DIVIDER;
     UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 }
 

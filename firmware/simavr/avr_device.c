@@ -23,7 +23,7 @@ static avr_t *avr;
 static avr_irq_t *twi;
 static uint8_t reset_pins_out; /* DDRD */
 static uint8_t reset_pins_high; /* PORTD */
-static bool line_free;
+static bool receiver_full;
 static avr_cycle_count_t bus_byte_end;
 
 uint64_t device_now(void)
@@ -103,23 +103,24 @@ static void on_sent(avr_irq_t *irq, uint32_t value, void *unused)
     bench_sent((uint8_t)value);
 }
 
+/* simavr begins to receive a byte when the one before is read: it falls behind a full line, which then has to wait. */
 static void on_room(avr_irq_t *irq, uint32_t value, void *unused)
 {
     (void)irq, (void)value, (void)unused;
-    line_free = true;
+    receiver_full = false;
 }
 
 static void on_no_room(avr_irq_t *irq, uint32_t value, void *unused)
 {
     (void)irq, (void)value, (void)unused;
-    line_free = false;
+    receiver_full = true;
 }
 
 static avr_cycle_count_t next_byte_in(avr_t *of, avr_cycle_count_t when, void *unused)
 {
     (void)of, (void)unused;
     uint8_t byte;
-    if (line_free && bench_arrives(&byte)) {
+    if (!receiver_full && bench_arrives(&byte)) {
         avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT), byte);
     }
     return when + (avr_cycle_count_t)BENCH_BYTE_NS * MHZ / 1000;
