@@ -1,0 +1,52 @@
+"""Ranges as characters: a bar for the newest, a sparkline for those of late."""
+
+from __future__ import annotations
+
+import math
+from itertools import groupby
+from operator import itemgetter
+
+import numpy as np
+from rich.text import Text
+
+from pretouch_sensor_gateway.watch.trace import Summary
+
+FULL = 0.1
+"""Metres of a full bar."""
+_EIGHTHS = " ▏▎▍▌▋▊▉"
+_LEVELS = "▁▂▃▄▅▆▇█"
+_MISS = "·"
+_LEAST_HEIGHT = 0.01
+"""Metres of a sparkline's full height at the least, so that noise does not look like motion."""
+
+
+def bar(metres: float, width: int, style: str) -> Text:
+    """A bar of 0 to `FULL`; nothing for NaN, and an arrow at the end for what lies beyond."""
+    if math.isnan(metres):
+        return Text(" " * width)
+    if metres > FULL:
+        return Text("█" * (width - 1) + "▶", style)
+    eighths = round(max(metres, 0.0) / FULL * width * 8)
+    full = "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
+    return Text(full.ljust(width), style)
+
+
+def sparkline(summary: Summary, module: int) -> Text:
+    """One character a column: the height is the mean range, between the least and the greatest that are shown.
+
+    A dot is a column of misses alone, a blank one without any measurement; a column with some misses is coloured.
+    """
+    mean, returns = summary.mean[:, module], summary.returns[:, module]
+    low = float(np.nanmin(mean, initial=np.inf))
+    height = max(float(np.nanmax(mean, initial=-np.inf)) - low, _LEAST_HEIGHT)
+    marks = []
+    for metres, returned, frames in zip(mean.tolist(), returns.tolist(), summary.frames.tolist(), strict=True):
+        if returned:
+            level = min(int((metres - low) / height * len(_LEVELS)), len(_LEVELS) - 1)
+            marks.append((_LEVELS[level], "cyan" if returned == frames else "yellow"))
+        else:
+            marks.append((_MISS, "yellow") if frames else (" ", ""))
+    text = Text()
+    for style, run in groupby(marks, key=itemgetter(1)):
+        text.append("".join(mark for mark, _ in run), style)
+    return text

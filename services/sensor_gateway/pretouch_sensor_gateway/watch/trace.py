@@ -1,0 +1,94 @@
+"""The ranges of late, summed up in short spans of time: what a sparkline shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.geometry import Array
+
+SPAN = 0.25
+"""Seconds that are summed up together."""
+SPANS = 960
+"""Spans that are kept: 4 minutes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """n spans of time of k modules.
+
+    Attributes:
+        frames: (n,) measurements in each.
+        returns: (n, k) how many of these came back with a range.
+        mean: (n, k) m, the mean of those ranges; NaN where there was none.
+    """
+
+    frames: NDArray[np.int64]
+    returns: NDArray[np.int64]
+    mean: Array
+
+
+@dataclass
+class _Span:
+    returns: NDArray[np.int64]
+    total: Array
+    frames: int = 0
+
+
+@dataclass
+class Trace:
+    """Ranges of `modules` modules; times are s on the device's gateway."""
+
+    modules: int
+    _spans: dict[int, _Span] = field(default_factory=dict)
+    _newest: int | None = None
+
+    def add(self, t: Array, ranges: Array) -> None:
+        """Takes measurements at times t (f,), with ranges (f, k), m, NaN for a miss.
+
+        Times that run back by more than is kept begin the trace anew: the clock was set.
+        """
+        index = np.floor(t / SPAN).astype(np.int64)
+        for k in np.unique(index).tolist():
+            if self._newest is not None and k <= self._newest - SPANS:
+                self._spans.clear()
+                self._newest = None
+            rows = ranges[index == k]
+            span = self._spans.get(k)
+            if span is None:
+                span = self._spans[k] = _Span(np.zeros(self.modules, np.int64), np.zeros(self.modules))
+            span.frames += len(rows)
+            span.returns += np.isfinite(rows).sum(axis=0)
+            span.total += np.nansum(rows, axis=0)
+            self._newest = k if self._newest is None else max(k, self._newest)
+        self._forget()
+
+    def latest(self, now: float, count: int, joined: int = 1) -> Summary:
+        """The last `count` columns that are over at time `now`, oldest first.
+
+        Args:
+            joined: spans that make a column: the same ones at any time, so that columns move but do not change.
+        """
+        frames = np.zeros(count, np.int64)
+        returns = np.zeros((count, self.modules), np.int64)
+        total = np.zeros((count, self.modules))
+        first = (int(np.floor(now / SPAN)) // joined - count) * joined
+        for k in range(count * joined):
+            if span := self._spans.get(first + k):
+                frames[k // joined] += span.frames
+                returns[k // joined] += span.returns
+                total[k // joined] += span.total
+        mean = np.divide(total, returns, out=np.full_like(total, np.nan), where=returns > 0)
+        return Summary(frames, returns, mean)
+
+    def recent(self, now: float, seconds: float) -> tuple[int, NDArray[np.int64]]:
+        """How many measurements there were in about the last `seconds`, and of each module (k,) how many returned."""
+        summary = self.latest(now, round(seconds / SPAN))
+        return int(summary.frames.sum()), summary.returns.sum(axis=0)
+
+    def _forget(self) -> None:
+        if self._newest is not None:
+            for k in [k for k in self._spans if k <= self._newest - SPANS]:
+                del self._spans[k]
