@@ -12,6 +12,7 @@ from gateway_recordings import T0, batches_in, files_in, made_batch, made_config
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.recording.items import Configured, Measured, Stopped
+from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.replay import LONGEST_GAP, Pace, ReplaySource, ReplayState
 
 from pretouch.v1 import common_pb2
@@ -186,7 +187,7 @@ class TestEnds:
 
 
 def recording_of(root: Path, batches: list[pb.RangeBatch], ended: bool = True) -> Path:
-    files = series_in(root)
+    files = series_in(root, Limits(file_seconds=1e12))
     files.write(
         [Configured(made_configuration(), T0), *(Measured(batch, len(batch.t.data) // 8) for batch in batches)], 0
     )

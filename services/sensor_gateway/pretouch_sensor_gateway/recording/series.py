@@ -30,8 +30,9 @@ class Written:
 
 
 class FileSeries:
-    """Writes a device's items to files that never exceed the limits. Blocks on the disk; one thread writes, any may read the
-    attributes.
+    """Writes a device's items to files that never exceed the limits; blocks on the disk.
+
+    One thread writes; any may read the attributes.
 
     A file is opened by the first batch, so that there is none without any; events wait for it. When the disk refuses
     something, the file is cut back to its last whole record and left, and the next one is tried after `RETRY_AFTER`.
