@@ -106,6 +106,7 @@ def test_measurements_follow_each_other_by_thirty_milliseconds_of_the_devices_cl
     assert len(measurements) == 30
     assert in_sequence(measurements)
     assert all(abs(step - PERIOD) <= 100 for step in steps(measurements))
+    assert abs(sum(steps(measurements)) - 29 * PERIOD) <= 100  # what one is late the next does not add to
 
 
 @pytest.mark.parametrize("command", ["native"], indirect=True)  # whose clock starts just before it wraps
@@ -139,14 +140,14 @@ def test_an_identify_is_answered(bench: Bench) -> None:
     assert [message.modules for message in bench.run(40) if isinstance(message, Identity)] == [MODULES]
 
 
-def test_pings_at_the_lines_full_rate_hold_up_no_measurement(bench: Bench) -> None:
+def test_requests_at_the_lines_full_rate_hold_up_no_measurement(bench: Bench) -> None:
     bench.run(BRING_UP_MS + 100)
-    bench.receive(b"".join(encode(Ping(sequence)) for sequence in range(600)))
+    bench.receive(b"".join(encode(Ping(sequence)) + encode(Identify()) for sequence in range(300)))
     messages = bench.run(600)
     measurements = [message for message in messages if isinstance(message, Measurement)]
     assert len(measurements) >= 19
     assert in_sequence(measurements)
-    assert sum(isinstance(message, PingReply) for message in messages) > 100
+    assert sum(isinstance(message, PingReply) for message in messages) > 50
 
 
 def test_a_module_that_is_unplugged_and_plugged_again_disturbs_no_other(bench: Bench) -> None:
