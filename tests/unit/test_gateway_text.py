@@ -154,7 +154,7 @@ def test_a_line_without_a_time_or_with_it_elsewhere_is_refused(name: str, line: 
         ("1000(5) : 0 : 66 : 0", (NAN, 0.066, NAN), (255, 0, 255)),  # what did not answer is printed as zero
         ("1000(5) : ### : 66 : 12", (NAN, 0.066, NAN), (255, 0, 255)),
         ("100(0) : 120   : 8190#4 : 700#2", (0.12, NAN, 0.7), (0, 4, 2)),
-        ("1000(A) : 1   : TTT : 2   : TTT", (0.001, NAN, 0.002, NAN), (0, 255, 0, 255)),
+        ("1000(A) : 1   : TTT : 2   : 9   ", (0.001, NAN, 0.002, NAN), (0, 255, 0, 255)),
         ("97 : 0", (NAN,), (7,)),
         ("Addr: 30 Lux: 12.30 Range: 55 Addr: 31 Lux: 0.00(No convergence)", (0.055, NAN), (0, 7)),
         ("Addr: 30 Lux: 1.0(ECE failure) Addr: 3A Lux: 2.0Signal/Noise error", (NAN, NAN), (6, 11)),
@@ -257,6 +257,12 @@ def test_a_line_with_another_number_of_modules_needs_a_second_one() -> None:
     received, wire_format = heard("millimetres", "1 2 3", "1 23", "1 2 4", "12 3", "1 2 5", "1 2", "1 3", "1 2 3")
     assert [m.ranges[-1] for m in received if isinstance(m, Measurement)] == [0.003, 0.004, 0.005, 0.003]
     assert wire_format.refused == {Refusal.FIELDS: 4}
+
+
+def test_after_a_cut_another_device_may_have_another_number_of_modules() -> None:
+    _, wire_format = heard("millimetres", "1 2 3")
+    wire_format.restart()
+    assert len(wire_format.feed(b"\n1 2\n")) == 1
 
 
 def test_what_is_not_printable_ascii_or_too_long_is_refused_by_reason() -> None:

@@ -130,7 +130,7 @@ def test_a_column_that_rises_evenly_by_milliseconds_is_the_device_s_time(
         [lambda k: k, rests],  # a count of lines
         [lambda k: 60 + 2 * k, rests],
         [lambda k: 1000 + 33 * k, lambda k: 100 + 50 * k],  # two clocks
-        [lambda k: 1000 + 33 * k + 500 * (k % 3 == 0), lambda k: 60 + 2 * k],  # neither rises evenly
+        [lambda k: 1000 + 33 * k + 500 * (k // 3), rests],  # rises unevenly
         [lambda k: 104233 + 33 * k, lambda k: 200_000 + 33 * k],
         [lambda k: 7000 + k % 2, rests],  # no range, and no clock
     ],
@@ -148,11 +148,20 @@ def test_a_finger_that_draws_back_is_recognised_when_it_rests() -> None:
     assert recognition.name == "millimetres"
 
 
-def test_a_start_while_listening_does_not_turn_the_time_into_a_range() -> None:
+@pytest.mark.parametrize("starts", [1, 2])
+def test_a_start_while_listening_does_not_turn_the_time_into_a_range(starts: int) -> None:
     recognition = Recognition()
-    recognition.feed(b"\n" + stream(lambda k: f"{3000 + 33 * k} {rests(k)}", WINDOW - 4))
+    recognition.feed(b"\n")
+    for start in range(starts):
+        recognition.feed(stream(lambda k, start=start: f"{3000 - 9 * start + 33 * k} {rests(k)}", 4))
     recognition.feed(stream(lambda k: f"{33 * k} {rests(k)}", 2 * WINDOW))
     assert recognition.name == "time-millimetres"
+
+
+def test_lines_of_differing_numbers_of_columns_are_no_format() -> None:
+    recognition = Recognition()
+    assert recognition.feed(b"\n" + stream(lambda k: f"{rests(k)} 45 {rests(k)}"[: 6 + 4 * (k % 2)], 100)) == []
+    assert recognition.name == ""
 
 
 def test_text_between_lines_of_numbers_makes_them_no_format() -> None:

@@ -33,12 +33,13 @@ _TIMEOUT = "timeout"
 
 
 def words_of(line: str) -> list[str]:
-    """The fields of a line: separated by blanks, or by commas or semicolons, between which a field may be empty.
+    """The fields of a line that no blanks surround: separated by blanks, or by commas or semicolons.
 
-    A separator at the end counts for nothing. "TIMEOUT" after a number that is no range belongs to that number.
+    Between two commas or semicolons a field may be empty; one at the end counts for nothing. "TIMEOUT" after a number
+    that is no range belongs to that number.
     """
     cells = re.split(r"[,;]", line)
-    if not cells[-1].strip():
+    if not cells[-1]:
         cells.pop()
     words = []
     for cell in cells:
