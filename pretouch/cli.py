@@ -46,7 +46,7 @@ _SERVE_HELP = {
 
     Its own option is an environment variable:
 
-    - PRETOUCH_GATEWAY_DEVICES: name=port,name=port; ports as paths or pyserial URLs
+    - PRETOUCH_GATEWAY_DEVICES: name=port,name=port, or the path of a .toml file that says more
     """,
 }
 
@@ -122,7 +122,7 @@ def _up(
         Path | None, typer.Option(help="Directory of the sessions.", show_default="~/.local/state/pretouch")
     ] = None,
     device: Annotated[
-        list[str] | None, typer.Option(help="A finger's serial port as NAME=PORT or NAME=URL; may be repeated.")
+        list[str] | None, typer.Option(help="A finger's serial port as NAME=PORT; may be repeated.")
     ] = None,
     token: Token = None,
     log_level: LogLevel = "warning",

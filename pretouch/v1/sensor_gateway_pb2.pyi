@@ -33,6 +33,8 @@ class _DeviceStateEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_DeviceSta
     """Frames arrive."""
     DEVICE_STATE_SILENT: _DeviceState.ValueType  # 3
     """The port is open but no good frame has come for a while."""
+    DEVICE_STATE_ENDED: _DeviceState.ValueType  # 4
+    """A recording was played to its end."""
 
 class DeviceState(_DeviceState, metaclass=_DeviceStateEnumTypeWrapper):
     """How a device's connection fares."""
@@ -44,6 +46,8 @@ DEVICE_STATE_STREAMING: DeviceState.ValueType  # 2
 """Frames arrive."""
 DEVICE_STATE_SILENT: DeviceState.ValueType  # 3
 """The port is open but no good frame has come for a while."""
+DEVICE_STATE_ENDED: DeviceState.ValueType  # 4
+"""A recording was played to its end."""
 Global___DeviceState: _TypeAlias = DeviceState  # noqa: Y015
 
 @_typing.final
@@ -109,7 +113,7 @@ class Device(_message.Message):
     frames: _builtins.int
     """Good frames since the gateway started."""
     bad_frames: _builtins.int
-    """Frames refused by checksum, length or version since the gateway started."""
+    """Frames refused since the gateway started; GetStatus tells why."""
     lost_frames: _builtins.int
     """Frames missing by sequence number since the gateway started."""
     problem: _builtins.str
@@ -134,6 +138,465 @@ class Device(_message.Message):
 Global___Device: _TypeAlias = Device  # noqa: Y015
 
 @_typing.final
+class GetStatusRequest(_message.Message):
+    """Which device."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    DEVICE_FIELD_NUMBER: _builtins.int
+    device: _builtins.str
+    """The device's name; empty: the only one."""
+    def __init__(
+        self,
+        *,
+        device: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["device", b"device"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetStatusRequest: _TypeAlias = GetStatusRequest  # noqa: Y015
+
+@_typing.final
+class ClockStatus(_message.Message):
+    """How a device's clock compares to the gateway's."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SYNCHRONISED_FIELD_NUMBER: _builtins.int
+    DRIFT_FIELD_NUMBER: _builtins.int
+    STD_FIELD_NUMBER: _builtins.int
+    ROUND_TRIP_FIELD_NUMBER: _builtins.int
+    synchronised: _builtins.bool
+    """Whether the device's time is known; until then no frame is passed on."""
+    drift: _builtins.float
+    """By how much the device's clock runs fast, seconds per second; 0 while unknown."""
+    std: _builtins.float
+    """One standard deviation of a frame's time, seconds."""
+    round_trip: _builtins.float
+    """Least round trip of the recent pings, seconds; 0 for a device that answers none."""
+    def __init__(
+        self,
+        *,
+        synchronised: _builtins.bool = ...,
+        drift: _builtins.float = ...,
+        std: _builtins.float = ...,
+        round_trip: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift", "round_trip", b"round_trip", "std", b"std", "synchronised", b"synchronised"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ClockStatus: _TypeAlias = ClockStatus  # noqa: Y015
+
+@_typing.final
+class ModuleStatus(_message.Message):
+    """One time-of-flight module."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    RANGE_FIELD_NUMBER: _builtins.int
+    STATUS_FIELD_NUMBER: _builtins.int
+    MEASUREMENTS_FIELD_NUMBER: _builtins.int
+    RETURNS_FIELD_NUMBER: _builtins.int
+    JUMPS_FIELD_NUMBER: _builtins.int
+    range: _builtins.float
+    """Its last range, metres, calibrated; NaN: none."""
+    status: _builtins.int
+    """Its last status code, 0 is good."""
+    measurements: _builtins.int
+    """Measurements since the gateway started."""
+    returns: _builtins.int
+    """How many of these came back with a range."""
+    jumps: _builtins.int
+    """How many of these were flagged as jumps."""
+    def __init__(
+        self,
+        *,
+        range: _builtins.float = ...,
+        status: _builtins.int = ...,
+        measurements: _builtins.int = ...,
+        returns: _builtins.int = ...,
+        jumps: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["jumps", b"jumps", "measurements", b"measurements", "range", b"range", "returns", b"returns", "status", b"status"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ModuleStatus: _TypeAlias = ModuleStatus  # noqa: Y015
+
+@_typing.final
+class RecordingStatus(_message.Message):
+    """What is being recorded."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ON_FIELD_NUMBER: _builtins.int
+    PATH_FIELD_NUMBER: _builtins.int
+    BYTES_FIELD_NUMBER: _builtins.int
+    FRAMES_FIELD_NUMBER: _builtins.int
+    UNRECORDED_FIELD_NUMBER: _builtins.int
+    PROBLEM_FIELD_NUMBER: _builtins.int
+    PENDING_FIELD_NUMBER: _builtins.int
+    on: _builtins.bool
+    """Whether the gateway records this device."""
+    path: _builtins.str
+    """The file being written, "" if none."""
+    bytes: _builtins.int
+    """Bytes of all of this device's recordings."""
+    frames: _builtins.int
+    """Frames recorded since the gateway started."""
+    unrecorded: _builtins.int
+    """Frames that could not be recorded: the disk was full, or too slow."""
+    problem: _builtins.str
+    """What is wrong, if anything."""
+    pending: _builtins.int
+    """Frames that wait for the disk."""
+    def __init__(
+        self,
+        *,
+        on: _builtins.bool = ...,
+        path: _builtins.str = ...,
+        bytes: _builtins.int = ...,
+        frames: _builtins.int = ...,
+        unrecorded: _builtins.int = ...,
+        problem: _builtins.str = ...,
+        pending: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["bytes", b"bytes", "frames", b"frames", "on", b"on", "path", b"path", "pending", b"pending", "problem", b"problem", "unrecorded", b"unrecorded"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RecordingStatus: _TypeAlias = RecordingStatus  # noqa: Y015
+
+@_typing.final
+class Identity(_message.Message):
+    """What a device says of itself; empty where its format says nothing."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SERIAL_FIELD_NUMBER: _builtins.int
+    FIRMWARE_FIELD_NUMBER: _builtins.int
+    MODULES_FIELD_NUMBER: _builtins.int
+    PERIOD_FIELD_NUMBER: _builtins.int
+    serial: _builtins.str
+    """Unique to the board, hexadecimal."""
+    firmware: _builtins.str
+    """Name and version of the firmware."""
+    modules: _builtins.int
+    """Modules."""
+    period: _builtins.float
+    """Seconds between two measurements."""
+    def __init__(
+        self,
+        *,
+        serial: _builtins.str = ...,
+        firmware: _builtins.str = ...,
+        modules: _builtins.int = ...,
+        period: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["firmware", b"firmware", "modules", b"modules", "period", b"period", "serial", b"serial"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Identity: _TypeAlias = Identity  # noqa: Y015
+
+@_typing.final
+class GetStatusResponse(_message.Message):
+    """All that is known about a device. Counts are since the gateway started."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    @_typing.final
+    class RefusedEntry(_message.Message):
+        DESCRIPTOR: _descriptor.Descriptor
+
+        KEY_FIELD_NUMBER: _builtins.int
+        VALUE_FIELD_NUMBER: _builtins.int
+        key: _builtins.str
+        value: _builtins.int
+        def __init__(
+            self,
+            *,
+            key: _builtins.str = ...,
+            value: _builtins.int = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["key", b"key", "value", b"value"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+    DEVICE_FIELD_NUMBER: _builtins.int
+    FORMAT_FIELD_NUMBER: _builtins.int
+    IDENTITY_FIELD_NUMBER: _builtins.int
+    EPOCH_FIELD_NUMBER: _builtins.int
+    CONNECTIONS_FIELD_NUMBER: _builtins.int
+    REFUSED_FIELD_NUMBER: _builtins.int
+    UNTIMED_FIELD_NUMBER: _builtins.int
+    RATE_FIELD_NUMBER: _builtins.int
+    CLOCK_FIELD_NUMBER: _builtins.int
+    MODULES_FIELD_NUMBER: _builtins.int
+    RECORDING_FIELD_NUMBER: _builtins.int
+    SUBSCRIBERS_FIELD_NUMBER: _builtins.int
+    OVERRUN_FIELD_NUMBER: _builtins.int
+    HOST_CLOCK_JUMPS_FIELD_NUMBER: _builtins.int
+    CONFIGURATION_FIELD_NUMBER: _builtins.int
+    format: _builtins.str
+    """The wire format in use, "" while it is not recognised."""
+    epoch: _builtins.int
+    """How often the device was seen to start anew."""
+    connections: _builtins.int
+    """How often the port was opened."""
+    untimed: _builtins.int
+    """Good frames that were given up because the device's clock was not known."""
+    rate: _builtins.float
+    """Frames per second over the last seconds."""
+    subscribers: _builtins.int
+    """Listeners at this moment."""
+    overrun: _builtins.int
+    """Frames that slow listeners lost, all listeners together."""
+    host_clock_jumps: _builtins.int
+    """How often the host's clock was seen to jump."""
+    @_builtins.property
+    def device(self) -> Global___Device:
+        """What ListDevices says."""
+
+    @_builtins.property
+    def identity(self) -> Global___Identity:
+        """What the device says of itself."""
+
+    @_builtins.property
+    def refused(self) -> _containers.ScalarMap[_builtins.str, _builtins.int]:
+        """Frames refused, by reason."""
+
+    @_builtins.property
+    def clock(self) -> Global___ClockStatus:
+        """The device's clock."""
+
+    @_builtins.property
+    def modules(self) -> _containers.RepeatedCompositeFieldContainer[Global___ModuleStatus]:
+        """One for each module."""
+
+    @_builtins.property
+    def recording(self) -> Global___RecordingStatus:
+        """Recording."""
+
+    @_builtins.property
+    def configuration(self) -> Global___DeviceConfiguration:
+        """What the device is configured to."""
+
+    def __init__(
+        self,
+        *,
+        device: Global___Device | None = ...,
+        format: _builtins.str = ...,
+        identity: Global___Identity | None = ...,
+        epoch: _builtins.int = ...,
+        connections: _builtins.int = ...,
+        refused: _abc.Mapping[_builtins.str, _builtins.int] | None = ...,
+        untimed: _builtins.int = ...,
+        rate: _builtins.float = ...,
+        clock: Global___ClockStatus | None = ...,
+        modules: _abc.Iterable[Global___ModuleStatus] | None = ...,
+        recording: Global___RecordingStatus | None = ...,
+        subscribers: _builtins.int = ...,
+        overrun: _builtins.int = ...,
+        host_clock_jumps: _builtins.int = ...,
+        configuration: Global___DeviceConfiguration | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "overrun", b"overrun", "rate", b"rate", "recording", b"recording", "refused", b"refused", "subscribers", b"subscribers", "untimed", b"untimed"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetStatusResponse: _TypeAlias = GetStatusResponse  # noqa: Y015
+
+@_typing.final
+class ModuleCalibration(_message.Message):
+    """How one module's readings become ranges: docs of the service, "Calibration"."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OFFSET_FIELD_NUMBER: _builtins.int
+    SCALE_FIELD_NUMBER: _builtins.int
+    CROSSTALK_FIELD_NUMBER: _builtins.int
+    STD_FIELD_NUMBER: _builtins.int
+    STD_SLOPE_FIELD_NUMBER: _builtins.int
+    offset: _builtins.float
+    """Metres that the module reads at distance zero."""
+    scale: _builtins.float
+    """Metres read for a metre of distance, without crosstalk."""
+    crosstalk: _builtins.float
+    """Share of light that comes back from the cover glass, relative to a target at one metre, 1/m^2."""
+    std: _builtins.float
+    """One standard deviation of the noise at distance zero, metres."""
+    std_slope: _builtins.float
+    """By how much that grows with each metre of distance."""
+    def __init__(
+        self,
+        *,
+        offset: _builtins.float = ...,
+        scale: _builtins.float = ...,
+        crosstalk: _builtins.float = ...,
+        std: _builtins.float = ...,
+        std_slope: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["crosstalk", b"crosstalk", "offset", b"offset", "scale", b"scale", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ModuleCalibration: _TypeAlias = ModuleCalibration  # noqa: Y015
+
+@_typing.final
+class Calibration(_message.Message):
+    """A device's calibration."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SERIAL_FIELD_NUMBER: _builtins.int
+    WARM_UP_FIELD_NUMBER: _builtins.int
+    MODULES_FIELD_NUMBER: _builtins.int
+    serial: _builtins.str
+    """The board that was calibrated, hexadecimal; empty: not known."""
+    warm_up: _builtins.float
+    """Seconds after its start in which a device's ranges are flagged as warming up."""
+    @_builtins.property
+    def modules(self) -> _containers.RepeatedCompositeFieldContainer[Global___ModuleCalibration]:
+        """One for each module."""
+
+    def __init__(
+        self,
+        *,
+        serial: _builtins.str = ...,
+        warm_up: _builtins.float = ...,
+        modules: _abc.Iterable[Global___ModuleCalibration] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["modules", b"modules", "serial", b"serial", "warm_up", b"warm_up"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Calibration: _TypeAlias = Calibration  # noqa: Y015
+
+@_typing.final
+class DeviceConfiguration(_message.Message):
+    """How a device is understood."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TIP_T_MODULE_FIELD_NUMBER: _builtins.int
+    CALIBRATION_FIELD_NUMBER: _builtins.int
+    RECORDING_FIELD_NUMBER: _builtins.int
+    recording: _builtins.bool
+    """Whether the device is recorded."""
+    @_builtins.property
+    def tip_t_module(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Pose]:
+        """Pose of each module in the tip frame."""
+
+    @_builtins.property
+    def calibration(self) -> Global___Calibration:
+        """Left out: ranges are taken as the device tells them."""
+
+    def __init__(
+        self,
+        *,
+        tip_t_module: _abc.Iterable[_common_pb2.Pose] | None = ...,
+        calibration: Global___Calibration | None = ...,
+        recording: _builtins.bool = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["calibration", b"calibration"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["calibration", b"calibration", "recording", b"recording", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DeviceConfiguration: _TypeAlias = DeviceConfiguration  # noqa: Y015
+
+@_typing.final
+class ConfigureRequest(_message.Message):
+    """What to change."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    DEVICE_FIELD_NUMBER: _builtins.int
+    TIP_T_MODULE_FIELD_NUMBER: _builtins.int
+    CALIBRATION_FIELD_NUMBER: _builtins.int
+    RECORDING_FIELD_NUMBER: _builtins.int
+    device: _builtins.str
+    """The device's name; empty: the only one."""
+    recording: _builtins.bool
+    """Starts or stops the recording; left out: as before."""
+    @_builtins.property
+    def tip_t_module(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Pose]:
+        """New poses of the modules in the tip frame; none: as before."""
+
+    @_builtins.property
+    def calibration(self) -> Global___Calibration:
+        """A new calibration; left out: as before."""
+
+    def __init__(
+        self,
+        *,
+        device: _builtins.str = ...,
+        tip_t_module: _abc.Iterable[_common_pb2.Pose] | None = ...,
+        calibration: Global___Calibration | None = ...,
+        recording: _builtins.bool | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_calibration", b"_calibration", "_recording", b"_recording", "calibration", b"calibration", "recording", b"recording"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_calibration", b"_calibration", "_recording", b"_recording", "calibration", b"calibration", "device", b"device", "recording", b"recording", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__calibration: _TypeAlias = _typing.Literal["calibration"]  # noqa: Y015
+    _WhichOneofArgType__calibration: _TypeAlias = _typing.Literal["_calibration", b"_calibration"]  # noqa: Y015
+    _WhichOneofReturnType__recording: _TypeAlias = _typing.Literal["recording"]  # noqa: Y015
+    _WhichOneofArgType__recording: _TypeAlias = _typing.Literal["_recording", b"_recording"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__calibration) -> _WhichOneofReturnType__calibration | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__recording) -> _WhichOneofReturnType__recording | None: ...
+
+Global___ConfigureRequest: _TypeAlias = ConfigureRequest  # noqa: Y015
+
+@_typing.final
+class ConfigureResponse(_message.Message):
+    """What now holds."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CONFIGURATION_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def configuration(self) -> Global___DeviceConfiguration:
+        """The whole configuration."""
+
+    def __init__(
+        self,
+        *,
+        configuration: Global___DeviceConfiguration | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["configuration", b"configuration"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["configuration", b"configuration"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ConfigureResponse: _TypeAlias = ConfigureResponse  # noqa: Y015
+
+@_typing.final
 class StreamRangesRequest(_message.Message):
     """Which device to listen to."""
 
@@ -156,50 +619,94 @@ class StreamRangesRequest(_message.Message):
 Global___StreamRangesRequest: _TypeAlias = StreamRangesRequest  # noqa: Y015
 
 @_typing.final
-class StreamRangesResponse(_message.Message):
-    """Some ranges of one device."""
+class RangeBatch(_message.Message):
+    """Measurements that came together: f frames of k modules each, in their order. Every subscriber gets the same batches."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
     T_FIELD_NUMBER: _builtins.int
-    RANGE_FIELD_NUMBER: _builtins.int
-    STATUS_FIELD_NUMBER: _builtins.int
-    MODULE_FIELD_NUMBER: _builtins.int
+    TIME_STD_FIELD_NUMBER: _builtins.int
     SEQUENCE_FIELD_NUMBER: _builtins.int
+    EPOCH_FIELD_NUMBER: _builtins.int
+    RANGE_FIELD_NUMBER: _builtins.int
+    RAW_FIELD_NUMBER: _builtins.int
+    STATUS_FIELD_NUMBER: _builtins.int
+    FLAGS_FIELD_NUMBER: _builtins.int
     LOST_FIELD_NUMBER: _builtins.int
-    sequence: _builtins.int
-    """Sequence number of the first frame in this batch; 32 bits, wraps."""
+    time_std: _builtins.float
+    """One standard deviation of these times, seconds; an error common to all frames of the batch."""
+    epoch: _builtins.int
+    """Counts the device's starts; sequence numbers and times of different epochs do not compare."""
     lost: _builtins.int
-    """Frames that the device sent and this subscriber did not get since the batch before."""
+    """Frames missing before the last of these frames, which nobody got."""
     @_builtins.property
     def t(self) -> _common_pb2.Array:
-        """n, FLOAT64, seconds since the Unix epoch on the gateway's host clock."""
+        """f, FLOAT64, seconds since the Unix epoch on the gateway's host clock."""
+
+    @_builtins.property
+    def sequence(self) -> _common_pb2.Array:
+        """f, UINT32: the device's own count, which wraps; if its format has none, the gateway counts."""
 
     @_builtins.property
     def range(self) -> _common_pb2.Array:
-        """n, FLOAT64, metres along the beam; NaN where the sensor gave none."""
+        """f x k, FLOAT64, metres along the beam, calibrated; NaN where the module gave none."""
+
+    @_builtins.property
+    def raw(self) -> _common_pb2.Array:
+        """f x k, FLOAT64, metres as the device told them; NaN where the module gave none."""
 
     @_builtins.property
     def status(self) -> _common_pb2.Array:
-        """n, UINT8: the sensor's status codes, 0 is good."""
+        """f x k, UINT8: the modules' status codes, 0 is good."""
 
     @_builtins.property
-    def module(self) -> _common_pb2.Array:
-        """n, UINT8: module indices."""
+    def flags(self) -> _common_pb2.Array:
+        """f x k, UINT8: 1 = the range jumped and no later one has confirmed it, 2 = the module is warming up."""
 
     def __init__(
         self,
         *,
         t: _common_pb2.Array | None = ...,
+        time_std: _builtins.float = ...,
+        sequence: _common_pb2.Array | None = ...,
+        epoch: _builtins.int = ...,
         range: _common_pb2.Array | None = ...,
+        raw: _common_pb2.Array | None = ...,
         status: _common_pb2.Array | None = ...,
-        module: _common_pb2.Array | None = ...,
-        sequence: _builtins.int = ...,
+        flags: _common_pb2.Array | None = ...,
         lost: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["module", b"module", "range", b"range", "status", b"status", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["lost", b"lost", "module", b"module", "range", b"range", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RangeBatch: _TypeAlias = RangeBatch  # noqa: Y015
+
+@_typing.final
+class StreamRangesResponse(_message.Message):
+    """Some ranges of one device."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    BATCH_FIELD_NUMBER: _builtins.int
+    OVERRUN_FIELD_NUMBER: _builtins.int
+    overrun: _builtins.int
+    """Frames before this batch that this subscriber lost by being slow, with those that were missing among them."""
+    @_builtins.property
+    def batch(self) -> Global___RangeBatch:
+        """What came."""
+
+    def __init__(
+        self,
+        *,
+        batch: Global___RangeBatch | None = ...,
+        overrun: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["batch", b"batch"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["batch", b"batch", "overrun", b"overrun"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -246,7 +753,7 @@ class StreamPointsRequest(_message.Message):
     """First message: the device's name; empty: the only one."""
     @_builtins.property
     def tip_t_module(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Pose]:
-        """First message: pose of each module in the tip frame; left out: one module at the tip."""
+        """First message: pose of each module in the tip frame; left out: as the gateway is configured."""
 
     @_builtins.property
     def tip_poses(self) -> _containers.RepeatedCompositeFieldContainer[Global___TipPose]:
@@ -269,7 +776,7 @@ Global___StreamPointsRequest: _TypeAlias = StreamPointsRequest  # noqa: Y015
 
 @_typing.final
 class StreamPointsResponse(_message.Message):
-    """Samples whose poses are known."""
+    """n samples whose poses are known."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -277,17 +784,40 @@ class StreamPointsResponse(_message.Message):
     POINTS_FIELD_NUMBER: _builtins.int
     LOST_FIELD_NUMBER: _builtins.int
     UNPOSED_FIELD_NUMBER: _builtins.int
+    ORIGINS_FIELD_NUMBER: _builtins.int
+    DIRECTIONS_FIELD_NUMBER: _builtins.int
+    STD_FIELD_NUMBER: _builtins.int
+    FLAGS_FIELD_NUMBER: _builtins.int
+    OVERRUN_FIELD_NUMBER: _builtins.int
     lost: _builtins.int
-    """Frames lost since the batch before."""
+    """Frames before these that nobody got."""
     unposed: _builtins.int
     """Frames dropped since the batch before, because no two tip poses close enough in time enclose theirs."""
+    overrun: _builtins.int
+    """Frames before these that this call lost by reading slowly, with those that were missing among them."""
     @_builtins.property
     def samples(self) -> _common_pb2.Samples:
         """The samples, tip poses interpolated at each sample's own time."""
 
     @_builtins.property
     def points(self) -> _common_pb2.Array:
-        """m x 3, FLOAT64, metres in base: the points of the samples that came back, in their order."""
+        """n x 3, FLOAT64, metres in base: where the beam came back from; NaN where it did not."""
+
+    @_builtins.property
+    def origins(self) -> _common_pb2.Array:
+        """n x 3, FLOAT64, metres in base: where each beam starts."""
+
+    @_builtins.property
+    def directions(self) -> _common_pb2.Array:
+        """n x 3, FLOAT64, unit, in base: where each beam points."""
+
+    @_builtins.property
+    def std(self) -> _common_pb2.Array:
+        """n, FLOAT64, metres: one standard deviation of each point, from range noise, time uncertainty and speed; NaN: a miss."""
+
+    @_builtins.property
+    def flags(self) -> _common_pb2.Array:
+        """n, UINT8: flags as in RangeBatch."""
 
     def __init__(
         self,
@@ -296,10 +826,15 @@ class StreamPointsResponse(_message.Message):
         points: _common_pb2.Array | None = ...,
         lost: _builtins.int = ...,
         unposed: _builtins.int = ...,
+        origins: _common_pb2.Array | None = ...,
+        directions: _common_pb2.Array | None = ...,
+        std: _common_pb2.Array | None = ...,
+        flags: _common_pb2.Array | None = ...,
+        overrun: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["points", b"points", "samples", b"samples"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "flags", b"flags", "origins", b"origins", "points", b"points", "samples", b"samples", "std", b"std"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["lost", b"lost", "points", b"points", "samples", b"samples", "unposed", b"unposed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "flags", b"flags", "lost", b"lost", "origins", b"origins", "overrun", b"overrun", "points", b"points", "samples", b"samples", "std", b"std", "unposed", b"unposed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

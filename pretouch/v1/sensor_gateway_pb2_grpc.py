@@ -40,6 +40,16 @@ class SensorGatewayServiceStub:
                 request_serializer=pretouch_dot_v1_dot_sensor__gateway__pb2.ListDevicesRequest.SerializeToString,
                 response_deserializer=pretouch_dot_v1_dot_sensor__gateway__pb2.ListDevicesResponse.FromString,
                 _registered_method=True)
+        self.GetStatus = channel.unary_unary(
+                '/pretouch.v1.SensorGatewayService/GetStatus',
+                request_serializer=pretouch_dot_v1_dot_sensor__gateway__pb2.GetStatusRequest.SerializeToString,
+                response_deserializer=pretouch_dot_v1_dot_sensor__gateway__pb2.GetStatusResponse.FromString,
+                _registered_method=True)
+        self.Configure = channel.unary_unary(
+                '/pretouch.v1.SensorGatewayService/Configure',
+                request_serializer=pretouch_dot_v1_dot_sensor__gateway__pb2.ConfigureRequest.SerializeToString,
+                response_deserializer=pretouch_dot_v1_dot_sensor__gateway__pb2.ConfigureResponse.FromString,
+                _registered_method=True)
         self.StreamRanges = channel.unary_stream(
                 '/pretouch.v1.SensorGatewayService/StreamRanges',
                 request_serializer=pretouch_dot_v1_dot_sensor__gateway__pb2.StreamRangesRequest.SerializeToString,
@@ -68,8 +78,22 @@ class SensorGatewayServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def GetStatus(self, request, context):
+        """All that the gateway knows about one device: counts, clock, modules, recording.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def Configure(self, request, context):
+        """Changes how a device is understood, until the gateway ends; what is left out stays as it is.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def StreamRanges(self, request, context):
-        """Raw ranges as they come.
+        """Ranges as they come, calibrated and raw.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -96,6 +120,16 @@ def add_SensorGatewayServiceServicer_to_server(servicer, server):
                     servicer.ListDevices,
                     request_deserializer=pretouch_dot_v1_dot_sensor__gateway__pb2.ListDevicesRequest.FromString,
                     response_serializer=pretouch_dot_v1_dot_sensor__gateway__pb2.ListDevicesResponse.SerializeToString,
+            ),
+            'GetStatus': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetStatus,
+                    request_deserializer=pretouch_dot_v1_dot_sensor__gateway__pb2.GetStatusRequest.FromString,
+                    response_serializer=pretouch_dot_v1_dot_sensor__gateway__pb2.GetStatusResponse.SerializeToString,
+            ),
+            'Configure': grpc.unary_unary_rpc_method_handler(
+                    servicer.Configure,
+                    request_deserializer=pretouch_dot_v1_dot_sensor__gateway__pb2.ConfigureRequest.FromString,
+                    response_serializer=pretouch_dot_v1_dot_sensor__gateway__pb2.ConfigureResponse.SerializeToString,
             ),
             'StreamRanges': grpc.unary_stream_rpc_method_handler(
                     servicer.StreamRanges,
@@ -141,6 +175,60 @@ class SensorGatewayService:
             '/pretouch.v1.SensorGatewayService/ListDevices',
             pretouch_dot_v1_dot_sensor__gateway__pb2.ListDevicesRequest.SerializeToString,
             pretouch_dot_v1_dot_sensor__gateway__pb2.ListDevicesResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetStatus(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/pretouch.v1.SensorGatewayService/GetStatus',
+            pretouch_dot_v1_dot_sensor__gateway__pb2.GetStatusRequest.SerializeToString,
+            pretouch_dot_v1_dot_sensor__gateway__pb2.GetStatusResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def Configure(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/pretouch.v1.SensorGatewayService/Configure',
+            pretouch_dot_v1_dot_sensor__gateway__pb2.ConfigureRequest.SerializeToString,
+            pretouch_dot_v1_dot_sensor__gateway__pb2.ConfigureResponse.FromString,
             options,
             channel_credentials,
             insecure,

@@ -35,8 +35,12 @@ class SensorGatewayServiceStub:
     def __new__(cls, channel: _aio.Channel) -> SensorGatewayServiceAsyncStub: ...
     ListDevices: _grpc.UnaryUnaryMultiCallable[_sensor_gateway_pb2.ListDevicesRequest, _sensor_gateway_pb2.ListDevicesResponse]
     """The devices that the gateway was started with, and how each fares."""
+    GetStatus: _grpc.UnaryUnaryMultiCallable[_sensor_gateway_pb2.GetStatusRequest, _sensor_gateway_pb2.GetStatusResponse]
+    """All that the gateway knows about one device: counts, clock, modules, recording."""
+    Configure: _grpc.UnaryUnaryMultiCallable[_sensor_gateway_pb2.ConfigureRequest, _sensor_gateway_pb2.ConfigureResponse]
+    """Changes how a device is understood, until the gateway ends; what is left out stays as it is."""
     StreamRanges: _grpc.UnaryStreamMultiCallable[_sensor_gateway_pb2.StreamRangesRequest, _sensor_gateway_pb2.StreamRangesResponse]
-    """Raw ranges as they come."""
+    """Ranges as they come, calibrated and raw."""
     StreamPoints: _grpc.StreamStreamMultiCallable[_sensor_gateway_pb2.StreamPointsRequest, _sensor_gateway_pb2.StreamPointsResponse]
     """Tip poses in, samples with interpolated poses and points in base out. The first message names the device."""
     GetSamples: _grpc.UnaryUnaryMultiCallable[_sensor_gateway_pb2.GetSamplesRequest, _sensor_gateway_pb2.GetSamplesResponse]
@@ -49,8 +53,12 @@ class SensorGatewayServiceAsyncStub(SensorGatewayServiceStub):
     def __init__(self, channel: _aio.Channel) -> None: ...
     ListDevices: _aio.UnaryUnaryMultiCallable[_sensor_gateway_pb2.ListDevicesRequest, _sensor_gateway_pb2.ListDevicesResponse]  # type: ignore[assignment]
     """The devices that the gateway was started with, and how each fares."""
+    GetStatus: _aio.UnaryUnaryMultiCallable[_sensor_gateway_pb2.GetStatusRequest, _sensor_gateway_pb2.GetStatusResponse]  # type: ignore[assignment]
+    """All that the gateway knows about one device: counts, clock, modules, recording."""
+    Configure: _aio.UnaryUnaryMultiCallable[_sensor_gateway_pb2.ConfigureRequest, _sensor_gateway_pb2.ConfigureResponse]  # type: ignore[assignment]
+    """Changes how a device is understood, until the gateway ends; what is left out stays as it is."""
     StreamRanges: _aio.UnaryStreamMultiCallable[_sensor_gateway_pb2.StreamRangesRequest, _sensor_gateway_pb2.StreamRangesResponse]  # type: ignore[assignment]
-    """Raw ranges as they come."""
+    """Ranges as they come, calibrated and raw."""
     StreamPoints: _aio.StreamStreamMultiCallable[_sensor_gateway_pb2.StreamPointsRequest, _sensor_gateway_pb2.StreamPointsResponse]  # type: ignore[assignment]
     """Tip poses in, samples with interpolated poses and points in base out. The first message names the device."""
     GetSamples: _aio.UnaryUnaryMultiCallable[_sensor_gateway_pb2.GetSamplesRequest, _sensor_gateway_pb2.GetSamplesResponse]  # type: ignore[assignment]
@@ -68,12 +76,28 @@ class SensorGatewayServiceServicer(metaclass=_abc_1.ABCMeta):
         """The devices that the gateway was started with, and how each fares."""
 
     @_abc_1.abstractmethod
+    def GetStatus(
+        self,
+        request: _sensor_gateway_pb2.GetStatusRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_sensor_gateway_pb2.GetStatusResponse, _abc.Awaitable[_sensor_gateway_pb2.GetStatusResponse]]:
+        """All that the gateway knows about one device: counts, clock, modules, recording."""
+
+    @_abc_1.abstractmethod
+    def Configure(
+        self,
+        request: _sensor_gateway_pb2.ConfigureRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_sensor_gateway_pb2.ConfigureResponse, _abc.Awaitable[_sensor_gateway_pb2.ConfigureResponse]]:
+        """Changes how a device is understood, until the gateway ends; what is left out stays as it is."""
+
+    @_abc_1.abstractmethod
     def StreamRanges(
         self,
         request: _sensor_gateway_pb2.StreamRangesRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_sensor_gateway_pb2.StreamRangesResponse], _abc.AsyncIterator[_sensor_gateway_pb2.StreamRangesResponse]]:
-        """Raw ranges as they come."""
+        """Ranges as they come, calibrated and raw."""
 
     @_abc_1.abstractmethod
     def StreamPoints(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ def array_from_proto(message: pb.Array, name: str) -> NDArray[Any]:
     if dtype is None:
         raise InvalidInput(f"{name} has no scalar type.", "Send the array's type, shape and packed data.")
     shape = tuple(message.shape)
-    if len(shape) > 4 or int(np.prod(shape, dtype=np.float64)) * dtype.itemsize != len(message.data):
+    if len(shape) > 4 or math.prod(shape) * dtype.itemsize != len(message.data):
         raise InvalidInput(
             f"{name} has {len(message.data)} bytes, which do not fill shape {list(shape)} of {dtype} numbers.",
             "Send exactly the shape's product times the type's size, row-major, little-endian.",

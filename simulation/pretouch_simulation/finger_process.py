@@ -27,8 +27,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pretouch_sensor_gateway.framing import Decoder, encode
-from pretouch_sensor_gateway.messages import COUNTER_MODULUS, Ping, PingReply, Ranges
+from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder, encode
+from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, Identify, Ping
+from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array
@@ -62,11 +63,12 @@ class Finger:
         self._rate = rate
         self._start = now
         self._first_tick = int(rng.integers(COUNTER_MODULUS))
+        self._boot = int(rng.integers(2**16))
         self._speed = 1e6 * (1.0 + rng.uniform(-MAX_DRIFT, MAX_DRIFT))
         self._next = 0  # sequence number of the next sample
         self._wanted: deque[tuple[Trajectory, list[int]]] = deque()
         self._measured: dict[int, tuple[float, int]] = {}
-        self._decoder = Decoder()
+        self._decoder = FrameDecoder()
 
     def micros(self, now: float) -> int:
         """The device's clock at a host time."""
@@ -106,14 +108,20 @@ class Finger:
                 self.measure_ahead()
             metres, code = self._measured.pop(self._next, (math.nan, NO_TARGET))
             sequence = self._next % COUNTER_MODULUS
-            frames.append(encode(Ranges(sequence, self.micros(self.next_due), (metres,), (code,))))
+            measurement = Measurement(self._boot, sequence, self.micros(self.next_due), (metres,), (code,))
+            frames.append(encode(measurement))
             self._next += 1
         return frames
 
     def answers(self, data: bytes, now: float) -> list[bytes]:
-        """A reply for each ping that `data` completes."""
-        pings = [message for message in self._decoder.feed(data) if isinstance(message, Ping)]
-        return [encode(PingReply(ping.sequence, self.micros(now))) for ping in pings]
+        """A reply to everything asked that `data` completes."""
+        replies = []
+        for message in self._decoder.feed(data):
+            if isinstance(message, Ping):
+                replies.append(encode(PingReply(self._boot, message.sequence, self.micros(now))))
+            elif isinstance(message, Identify):
+                replies.append(encode(Identity(self._boot, "", 1, 1 / self._rate, "simulated finger")))
+        return replies
 
     def _time_of(self, sample: int) -> float:
         return self._start + sample / self._rate

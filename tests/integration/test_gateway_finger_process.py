@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 import serial
 import structlog
-from pretouch_sensor_gateway.device import Device
+from pretouch_sensor_gateway.batch import Batch
+from pretouch_sensor_gateway.serial_source import SerialSource
+from pretouch_sensor_gateway.wire_formats.binary import BinaryFormat
 from pretouch_simulation.finger_link import FingerProcess
 from pretouch_simulation.world import World
 
@@ -83,25 +85,28 @@ async def test_it_measures_a_world_and_keeps_up_with_200_hz(sensor: str, tmp_pat
     down = Pose.from_rotation_vector([math.pi, 0, 0], [0, 0, 0.05]).matrix
     still = Trajectory(np.array([0.0, 1.0]), np.stack([down, down]))
     with FingerProcess.in_world(tmp_path / "world.npz", sensor, seed=1, rate=200.0) as finger:
-        device = Device("finger", finger.port, structlog.get_logger())
-        running = asyncio.create_task(device.run())
+        batches: list[Batch] = []
+        start = time.time() + 0.2
+        all_heard = asyncio.Event()
+
+        def deliver(batch: Batch) -> None:
+            batches.append(batch)
+            if batch.t[-1] >= start + 1.1:
+                all_heard.set()
+
+        source = SerialSource(
+            finger.port, BinaryFormat(), 115_200, None, deliver, lambda text: None, structlog.get_logger()
+        )
+        running = asyncio.create_task(source.run())
+        finger.play(still, start)
         async with asyncio.timeout(60):
-            with device.subscribed() as subscription:
-                start = time.time() + 0.2
-                finger.play(still, start)
-                frames, lost = [], 0
-                while not frames or frames[-1].t < start + 1.1:
-                    await subscription.changed.wait()
-                    subscription.changed.clear()
-                    fresh, missed = subscription.take()
-                    frames += fresh
-                    lost += missed
+            await all_heard.wait()
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
-    during = [frame for frame in frames if start <= frame.t <= start + 1.0]
-    ranges = np.array([frame.ranges[0] for frame in during])
-    assert lost == 0
-    assert 195 <= len(during) <= 201
+    t = np.concatenate([batch.t for batch in batches])
+    ranges = np.concatenate([batch.range[:, 0] for batch in batches])[(start <= t) & (t <= start + 1.0)]
+    assert sum(batch.lost for batch in batches) == 0
+    assert 195 <= len(ranges) <= 201
     assert np.isfinite(ranges).mean() > 0.9
     assert abs(np.nanmedian(ranges) - 0.05) < 0.002
     assert 0.0005 < np.nanstd(ranges) < 0.01

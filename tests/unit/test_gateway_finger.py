@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pretouch_sensor_gateway.framing import Decoder, encode
-from pretouch_sensor_gateway.messages import Ping, PingReply, Ranges
+from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder, encode
+from pretouch_sensor_gateway.wire_formats.messages import Identify, Ping
+from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
 from pretouch_simulation.finger_process import MAX_DRIFT, NO_TARGET, Finger, motion_from
 
 from pretouch.errors import PretouchError
@@ -32,8 +33,8 @@ def rising(start: float, end: float, speed: float = 0.1, base: float = 0.0) -> T
     return Trajectory(t, np.stack([Pose.of(np.eye(3), [0, 0, base + speed * (s - start)]).matrix for s in t]))
 
 
-def ranges_of(frames: list[bytes]) -> list[Ranges]:
-    return [message for message in Decoder().feed(b"".join(frames)) if isinstance(message, Ranges)]
+def ranges_of(frames: list[bytes]) -> list[Measurement]:
+    return [message for message in FrameDecoder().feed(b"".join(frames)) if isinstance(message, Measurement)]
 
 
 def finger(rate: float = 100.0, measure: Callable[[Array], tuple[Array, NDArray[np.int64]]] = height) -> Finger:
@@ -84,9 +85,12 @@ def test_a_late_announcement_changes_nothing_that_was_sent() -> None:
 def test_its_clock_starts_anywhere_drifts_and_answers_pings() -> None:
     device = finger()
     device.due(T0)
-    (reply,) = Decoder().feed(b"".join(device.answers(b"noise\x00" + encode(Ping(9)), T0 + 1000.0)))
+    (reply,) = FrameDecoder().feed(b"".join(device.answers(b"noise\x00" + encode(Ping(9)), T0 + 1000.0)))
     assert isinstance(reply, PingReply)
     assert reply.sequence == 9
+    (identity,) = FrameDecoder().feed(b"".join(device.answers(encode(Identify()), T0)))
+    assert isinstance(identity, Identity)
+    assert (identity.boot, identity.modules, identity.period) == (reply.boot, 1, pytest.approx(0.01))
     elapsed = (reply.micros - device.micros(T0)) % 2**32
     assert 0 < abs(elapsed - 1e9) <= MAX_DRIFT * 1e9 + 1
     assert device.micros(T0) != 0

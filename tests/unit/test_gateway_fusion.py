@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
+from pretouch_sensor_gateway.batch import Batch
+from pretouch_sensor_gateway.frames import Frames
 from pretouch_sensor_gateway.fusion import Fusion, fuse_span
-from pretouch_sensor_gateway.history import SPAN, History
+from pretouch_sensor_gateway.history import MAX_FRAMES, SPAN, History
 from pretouch_sensor_gateway.poses import MAX_GAP, PosePath
-from pretouch_sensor_gateway.subscription import TimedFrame
 
 from pretouch.errors import InvalidInput, TooLarge
 from pretouch.geometry import Pose
@@ -20,9 +22,27 @@ from pretouch.tof import MAX_SAMPLES
 T0 = 1.7e9
 
 
-def frame(t: float, *ranges: float, status: tuple[int, ...] | None = None) -> TimedFrame:
-    metres = ranges or (0.03,)
-    return TimedFrame(0, t, metres, status or (0,) * len(metres))
+NOISE = 0.001
+TIME_STD = 0.002
+
+
+def batch(*t: float, ranges: tuple[float, ...] = (0.03,), status: tuple[int, ...] | None = None) -> Batch:
+    metres = np.tile(ranges, (len(t), 1))
+    codes = np.tile(np.array(status or (0,) * len(ranges), dtype=np.uint8), (len(t), 1))
+    sequence = np.arange(len(t), dtype=np.uint32)
+    return Batch(np.array(t), TIME_STD, sequence, 0, metres, metres, codes, np.zeros_like(codes), 0)
+
+
+def frames(*t: float, ranges: tuple[float, ...] = (0.03,), status: tuple[int, ...] | None = None) -> Frames:
+    return Frames.of(batch(*t, ranges=ranges, status=status))
+
+
+def noise(ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.full(ranges.shape, NOISE)
+
+
+def fusion_on(path: PosePath, *modules: Pose) -> Fusion:
+    return Fusion(path, modules or (Pose.identity(),), noise)
 
 
 def looking_down(x: float, z: float, turn: float = 0.0) -> Pose:
@@ -40,8 +60,8 @@ def path_along_x(times: list[float]) -> PosePath:
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
 @settings(max_examples=50)
 def test_poses_are_interpolated_at_each_sample_s_own_time(offsets: list[float]) -> None:
-    fusion = Fusion(path_along_x([T0 + 0.1 * k for k in range(11)]), [Pose.identity()])
-    fusion.add([frame(T0 + offset) for offset in sorted(offsets)])
+    fusion = fusion_on(path_along_x([T0 + 0.1 * k for k in range(11)]))
+    fusion.add(frames(*(T0 + offset for offset in sorted(offsets))))
     samples = fusion.take().samples
     assert len(samples) == len(offsets)
     for t, base_T_tip in zip(samples.t, samples.base_T_tip, strict=True):
@@ -50,8 +70,8 @@ def test_poses_are_interpolated_at_each_sample_s_own_time(offsets: list[float]) 
 
 def test_newer_samples_wait_for_their_pose_older_ones_are_counted() -> None:
     path = path_along_x([T0, T0 + 0.1])
-    fusion = Fusion(path, [Pose.identity()])
-    fusion.add([frame(T0 - 0.001), frame(T0 + 0.05), frame(T0 + 0.15)])
+    fusion = fusion_on(path)
+    fusion.add(frames(T0 - 0.001, T0 + 0.05, T0 + 0.15))
     first = fusion.take()
     assert (first.samples.t.tolist(), first.unposed) == ([T0 + 0.05], 1)
     assert fusion.complete
@@ -63,33 +83,73 @@ def test_newer_samples_wait_for_their_pose_older_ones_are_counted() -> None:
 
 
 def test_nothing_is_interpolated_across_a_gap() -> None:
-    path = path_along_x([T0, T0 + MAX_GAP * 1.01, T0 + 0.4])
-    fusion = Fusion(path, [Pose.identity()])
-    fusion.add([frame(T0), frame(T0 + 0.1), frame(T0 + 0.3)])
+    fusion = fusion_on(path_along_x([T0, T0 + MAX_GAP * 1.01, T0 + 0.4]))
+    fusion.add(frames(T0, T0 + 0.1, T0 + 0.3))
     fused = fusion.take()
     assert (fused.samples.t.tolist(), fused.unposed) == ([T0, T0 + 0.3], 1)
 
 
 def test_samples_that_wait_are_bounded() -> None:
-    fusion = Fusion(PosePath(), [Pose.identity()] * 4)
-    fusion.add([frame(T0 + k) for k in range(MAX_SAMPLES // 4 + 3)])
+    fusion = fusion_on(PosePath(), *[Pose.identity()] * 4)
+    for k in range(0, MAX_SAMPLES // 4 + 3, 1):
+        fusion.add(frames(T0 + k, ranges=(0.03,) * 4))
     assert fusion.take().unposed == 3
 
 
-def test_points_lie_along_each_module_s_beam_and_only_where_it_came_back() -> None:
+def test_waiting_frames_of_a_device_that_is_exchanged_are_counted() -> None:
+    path = path_along_x([T0])
+    fusion = fusion_on(path, *[Pose.identity()] * 2)
+    fusion.add(frames(T0 + 0.05, T0 + 0.06, ranges=(0.03, 0.03)))
+    fusion.add(frames(T0 + 0.07))
+    path.append(T0 + 0.1, looking_down(0.1, 0.1))
+    fused = fusion.take()
+    assert (fused.samples.t.tolist(), fused.unposed) == ([T0 + 0.07], 2)
+
+
+def test_points_lie_along_each_module_s_beam_and_a_miss_keeps_its_ray() -> None:
     sideways = Pose.from_rotation_vector([0, math.pi / 2, 0], [0, 0, 0.01])  # z of the module along x of the tip
-    fusion = Fusion(path_along_x([T0, T0 + 0.1]), [Pose.identity(), sideways])
-    fusion.add([frame(T0, 0.03, 0.02), frame(T0 + 0.1, 0.03, math.nan), frame(T0 + 0.1, 0.03, 0.02, status=(7, 0))])
+    fusion = fusion_on(path_along_x([T0, T0 + 0.1]), Pose.identity(), sideways)
+    fusion.add(frames(T0, ranges=(0.03, 0.02)))
+    fusion.add(frames(T0 + 0.1, ranges=(0.03, math.nan)))
+    fusion.add(frames(T0 + 0.1, ranges=(0.03, 0.02), status=(7, 0)))
     fused = fusion.take()
     assert fused.samples.module.tolist() == [0, 1, 0, 1, 0, 1]
-    assert len(fused.points) == 4
+    missed = [False, False, False, True, True, False]
+    assert np.isnan(fused.points).any(axis=1).tolist() == missed
+    assert np.isnan(fused.std).tolist() == missed
     np.testing.assert_allclose(fused.points[:2], [[0, 0, 0.07], [0.02, 0, 0.09]], atol=1e-9)
+    np.testing.assert_allclose(fused.origins[:2], [[0, 0, 0.1], [0, 0, 0.09]], atol=1e-9)
+    np.testing.assert_allclose(fused.directions[:2], [[0, 0, -1], [1, 0, 0]], atol=1e-9)
+    assert np.isfinite(fused.origins).all()
+    np.testing.assert_allclose(np.linalg.norm(fused.directions, axis=1), 1.0, atol=1e-9)
+
+
+def test_the_std_of_a_point_holds_the_ranges_noise_and_the_way_it_moves_in_the_times_uncertainty() -> None:
+    lever = Pose.of(np.eye(3), [0.05, 0, 0])
+    path = PosePath()
+    for t in np.arange(0.0, 0.21, 0.02):  # 0.3 m/s along y, turning 4 rad/s about the vertical
+        path.append(T0 + t, Pose.from_rotation_vector([0, 0, 4 * t], [0, 0.3 * t, 0.1]))
+    fusion = fusion_on(path, Pose.identity(), lever)
+    fusion.add(frames(T0 + 0.1, ranges=(0.03, 0.03)))
+    fused = fusion.take()
+    along = np.array([-math.sin(0.4), math.cos(0.4)]) * 4 * 0.05  # of the lever's end, beside the tip's own way
+    speeds = [0.3, math.hypot(along[0], along[1] + 0.3)]
+    np.testing.assert_allclose(fused.std, np.hypot(NOISE, TIME_STD * np.array(speeds)), rtol=2e-3)
+
+
+def test_a_tip_that_stands_still_leaves_only_the_ranges_noise() -> None:
+    path = PosePath()
+    for t in (T0, T0 + 0.1):
+        path.append(t, looking_down(0.0, 0.1))
+    fusion = fusion_on(path)
+    fusion.add(frames(T0, T0 + 0.05))
+    np.testing.assert_allclose(fusion.take().std, NOISE)
 
 
 def test_a_module_that_was_not_described_is_said_to_be_so() -> None:
-    fusion = Fusion(path_along_x([T0]), [Pose.identity()])
+    fusion = fusion_on(path_along_x([T0]))
     with pytest.raises(InvalidInput, match="2 modules"):
-        fusion.add([frame(T0, 0.03, 0.03)])
+        fusion.add(frames(T0, ranges=(0.03, 0.03)))
 
 
 def test_poses_go_forward_in_time() -> None:
@@ -108,24 +168,46 @@ def test_a_past_span_takes_each_frame_once_from_the_newest_path_that_places_it()
     history.remember(old)
     history.remember(new)
     for k in range(6):
-        history.add(frame(T0 + 0.1 * k - 0.05))
+        history.add(batch(T0 + 0.1 * k - 0.05))
     samples = fuse_span(*history.between(T0, T0 + 1.0))
     np.testing.assert_allclose(samples.t - T0, [0.05, 0.15, 0.25], atol=1e-6)
     np.testing.assert_allclose(samples.base_T_tip[:, 0, 3], [0.05, 1.0, 1.0], atol=1e-6)
     assert len(fuse_span(*history.between(T0 + 0.1, T0 + 0.2))) == 1
-    assert len(fuse_span([], [])) == 0
+    assert len(fuse_span(Frames.none(), [])) == 0
+    assert len(fuse_span(*History().between(T0, T0 + 1.0))) == 0
 
 
-def test_the_history_is_bounded_in_time_and_a_span_in_samples() -> None:
+def test_a_span_is_bounded_in_samples() -> None:
     history = History()
     path = PosePath()
     history.remember(path)
-    for k in range(MAX_SAMPLES + 1):
-        history.add(frame(T0 + 0.01 * k))
+    history.add(batch(*(T0 + 0.01 * k for k in range(MAX_SAMPLES + 1))))
     for k in range(round(0.01 * MAX_SAMPLES / 0.2) + 2):
         path.append(T0 + 0.2 * k, looking_down(0, 0.1))
     with pytest.raises(TooLarge):
         fuse_span(*history.between(T0, T0 + 1000))
-    history.add(frame(T0 + SPAN + 10.0))
-    frames, _ = history.between(0.0, T0 + 10.0 - 0.005)
-    assert frames == []
+
+
+@given(rate=st.sampled_from([3.0, 30.0, 400.0]), hours=st.floats(0.01, 0.6))
+@settings(max_examples=10, deadline=None)
+def test_the_history_holds_the_last_ten_minutes_and_no_more(rate: float, hours: float) -> None:
+    history = History()
+    times = T0 + np.arange(int(hours * 3600 * rate)) / rate
+    for part in np.array_split(times, 50):
+        if len(part):
+            history.add(batch(*part.tolist(), ranges=(0.03, 0.05)))
+    kept, _ = history.between(0.0, 1e12)
+    wanted = times[times >= times[-1] - SPAN][-MAX_FRAMES:]
+    np.testing.assert_array_equal(kept.t, wanted)
+    assert kept.range.shape == (len(wanted), 2)
+
+
+def test_the_history_survives_a_jump_of_the_clock_and_another_device() -> None:
+    history = History()
+    history.add(batch(T0, T0 + 1))
+    history.add(batch(T0 - 3600))
+    kept, _ = history.between(T0 - 4000, T0 + 2)
+    assert kept.t.tolist() == [T0 - 3600, T0, T0 + 1]
+    history.add(batch(T0 + 5, ranges=(0.01, 0.02)))
+    kept, _ = history.between(0, 1e12)
+    assert kept.t.tolist() == [T0 + 5]

@@ -1,46 +1,154 @@
-"""Which devices the gateway serves, from its environment."""
+"""Which devices the gateway serves and how it understands them, from its environment.
+
+`PRETOUCH_GATEWAY_DEVICES` is either `name=address,name=address`, or the path of a TOML file that says more:
+
+    recordings = "recordings"                # folder; left out: nothing can be recorded
+
+    [devices.finger]
+    address = "/dev/serial/by-id/usb-Pretouch_Finger_0042-if00"
+    format = "binary"                        # default "auto": recognised from what comes
+    baud = 115200
+    calibration = "finger.json"              # what `pretouch gateway calibrate` wrote
+    record = true
+    modules = [                              # tip_T_module of each; default: one module at the tip
+        { translation = [0, 0, 0], rotation = [0, 0, 0, 1] },
+    ]
+
+Paths are relative to the file's folder.
+"""
 
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-
-import serial
+from pathlib import Path
 
 from pretouch.errors import InvalidInput
+from pretouch.geometry import Pose
+from pretouch.wire.reader import Members, at, pose
+from pretouch_sensor_gateway.calibration.file import load
+from pretouch_sensor_gateway.calibration.model import Calibration
+from pretouch_sensor_gateway.recording.checks import check_recording
+from pretouch_sensor_gateway.transport.address import check_address
+from pretouch_sensor_gateway.wire_formats.recognition import AUTO, format_named
 
 VARIABLE = "PRETOUCH_GATEWAY_DEVICES"
+_NAME = re.compile(r"[\w.-]{1,64}")
+_REPLAY = "replay:"
 _REMEDY = (
-    f"Set {VARIABLE} to name=port,name=port: a name is of letters, digits, '-', '_' and '.', "
-    "a port is a path or a pyserial URL."
+    f"Set {VARIABLE} to name=address,name=address, or to the path of a .toml file: a name is of letters, digits, "
+    "'-', '_' and '.'."
 )
+DEFAULT_BAUD = 115_200
 
 
 @dataclass(frozen=True)
 class DeviceSetting:
-    """One device: the name that requests use, and the path or pyserial URL of its port."""
+    """One device.
+
+    Attributes:
+        name: what requests call it.
+        address: where it is, as written; `recording` is the file if it is one to replay.
+        wire_format: the name of its format.
+        baud: bits a second of a real UART.
+        tip_T_module: pose of each module in the tip frame.
+        record: whether it is recorded from the start.
+    """
 
     name: str
-    port: str
+    address: str
+    wire_format: str = AUTO
+    baud: int = DEFAULT_BAUD
+    calibration: Calibration | None = None
+    tip_T_module: tuple[Pose, ...] = (Pose.identity(),)
+    record: bool = False
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise InvalidInput(f"{self.name!r} is no device name.", _REMEDY)
+        format_named(self.wire_format)
+        if self.recording is None:
+            check_address(self.address)
+        else:
+            check_recording(self.recording)
+        if not 50 <= self.baud <= 12_000_000:
+            raise InvalidInput(f"The baud rate {self.baud} is none.", "Give the bits a second of the UART, as 115200.")
+        if self.calibration is not None and len(self.calibration.modules) != len(self.tip_T_module):
+            raise InvalidInput(
+                f"{len(self.calibration.modules)} modules are calibrated and {len(self.tip_T_module)} described.",
+                "Give the pose of each module, in the order of the calibration.",
+            )
+
+    @property
+    def recording(self) -> Path | None:
+        """The file to replay, if that is what the address is."""
+        return Path(self.address.removeprefix(_REPLAY)) if self.address.startswith(_REPLAY) else None
 
 
-def devices_from(environment: Mapping[str, str]) -> tuple[DeviceSetting, ...]:
-    """The devices that `PRETOUCH_GATEWAY_DEVICES` lists, in its order; none if it is empty or not set.
+@dataclass(frozen=True)
+class GatewaySetting:
+    """All devices in their order, and the folder of the recordings; None: nothing can be recorded."""
+
+    devices: tuple[DeviceSetting, ...] = ()
+    recordings: Path | None = None
+
+
+def gateway_from(environment: Mapping[str, str]) -> GatewaySetting:
+    """What `PRETOUCH_GATEWAY_DEVICES` says; no device if it is empty or not set.
 
     Raises:
-        InvalidInput: an entry that is not name=port, a name given twice, a URL of an unknown kind.
+        InvalidInput: an entry or a member that cannot be, a name given twice, a file that cannot be read.
     """
-    settings: list[DeviceSetting] = []
-    for entry in filter(None, map(str.strip, environment.get(VARIABLE, "").split(","))):
-        name, _, port = map(str.strip, entry.partition("="))
-        if not re.fullmatch(r"[\w.-]{1,64}", name) or not port:
-            raise InvalidInput(f"{VARIABLE} holds {entry!r}, which is not name=port.", _REMEDY)
-        if name in (other.name for other in settings):
+    said = environment.get(VARIABLE, "").strip()
+    if said.endswith(".toml"):
+        return _from_file(Path(said))
+    devices: list[DeviceSetting] = []
+    for entry in filter(None, map(str.strip, said.split(","))):
+        name, _, address = map(str.strip, entry.partition("="))
+        if name in (other.name for other in devices):
             raise InvalidInput(f"{VARIABLE} names the device {name!r} twice.", "Give each device its own name.")
-        try:
-            serial.serial_for_url(port, do_not_open=True)
-        except ValueError as error:
-            raise InvalidInput(f"The port {port!r} of device {name!r} cannot be used: {error}.", _REMEDY) from error
-        settings.append(DeviceSetting(name, port))
-    return tuple(settings)
+        with at(f"{VARIABLE}: {entry}"):
+            devices.append(DeviceSetting(name, address))
+    return GatewaySetting(tuple(devices))
+
+
+def _from_file(path: Path) -> GatewaySetting:
+    try:
+        document = tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InvalidInput(f"The gateway's configuration {path} cannot be read: {error}.", _REMEDY) from error
+    with at(str(path)):
+        members = Members(document, "", ("recordings", "devices"))
+        recordings = path.parent / members.text("recordings") if "recordings" in members else None
+        devices = members.get("devices", {})
+        if type(devices) is not dict:
+            raise InvalidInput("devices is not a table.", "Write each device as [devices.NAME].")
+        settings = tuple(_device(name, value, path.parent) for name, value in devices.items())
+        if recordings is None and any(setting.record for setting in settings):
+            raise InvalidInput("A device is to be recorded, and there is no folder.", 'Set recordings = "FOLDER".')
+    return GatewaySetting(settings, recordings)
+
+
+def _device(name: str, value: object, folder: Path) -> DeviceSetting:
+    with at(f"devices.{name}"):
+        members = Members(value, "", ("address", "format", "baud", "calibration", "modules", "record"))
+        address = members.text("address")
+        if address.startswith(_REPLAY):
+            address = _REPLAY + str(folder / address.removeprefix(_REPLAY))
+        record = members.get("record", False)
+        if type(record) is not bool:
+            raise InvalidInput("record is neither true nor false.", "Write record = true or leave it out.")
+        calibration = load(folder / members.text("calibration"))[0] if "calibration" in members else None
+        return DeviceSetting(
+            name,
+            address,
+            wire_format=members.text("format") if "format" in members else AUTO,
+            baud=members.integer("baud") if "baud" in members else DEFAULT_BAUD,
+            calibration=calibration,
+            tip_T_module=tuple(pose(item, f"modules[{k}]") for k, item in enumerate(members.items("modules")))
+            if "modules" in members
+            else (Pose.identity(),),
+            record=record,
+        )

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import math
-import time
 from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import suppress
 
 from pretouch.errors import InvalidInput
-from pretouch.geometry import Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import pose_from_proto
 from pretouch_sensor_gateway.device import Device
+from pretouch_sensor_gateway.frames import Frames
 from pretouch_sensor_gateway.fusion import Fused, Fusion
 from pretouch_sensor_gateway.history import SPAN
 from pretouch_sensor_gateway.poses import PosePath
@@ -42,12 +41,14 @@ class PointStream:
         self._device = device
         self._subscription = subscription
         self._path = PosePath()
-        self._fusion = Fusion(self._path, modules or [Pose.identity()])
+        self._fusion = Fusion(self._path, modules or device.tip_T_module, device.std_at)
         self._first = first
         self._requests = requests
 
-    async def batches(self, draining: asyncio.Event) -> AsyncGenerator[tuple[Fused, int], None]:
-        """What was fused and how many frames were lost, whenever there is any; ends with the last pose, or the service.
+    async def batches(self, draining: asyncio.Event) -> AsyncGenerator[tuple[Fused, int, int], None]:
+        """What was fused, and how many frames were lost and overrun, whenever there is any.
+
+        Ends with the last pose, or with the service.
 
         Raises:
             InvalidInput: poses that cannot be used, or modules that were not described.
@@ -63,11 +64,12 @@ class PointStream:
                 changed.clear()
                 if reader.done():
                     reader.result()
-                frames, lost = self._subscription.take()
-                self._fusion.add(frames)
-                fused = self._fusion.take()
-                if len(fused.samples) or fused.unposed or lost:
-                    yield fused, lost
+                deliveries, overrun = self._subscription.take()
+                for delivery in deliveries:
+                    self._fusion.add(Frames.of(delivery.batch))
+                fused, lost = self._fusion.take(), sum(delivery.batch.lost for delivery in deliveries)
+                if len(fused.samples) or fused.unposed or lost or overrun:
+                    yield fused, lost, overrun
                 if reader.done() and (self._fusion.complete or self._patience() <= 0):
                     return
         finally:
@@ -77,7 +79,7 @@ class PointStream:
 
     def _patience(self) -> float:
         """Seconds until no frame that the poses enclose can come any more."""
-        return 0.0 if self._path.end is None else max(0.0, self._path.end + LINGER - time.time())
+        return 0.0 if self._path.end is None else max(0.0, self._path.end + LINGER - self._device.now())
 
     async def _read(self) -> None:
         self._take_poses(self._first)
@@ -92,9 +94,10 @@ class PointStream:
 
     def _take_poses(self, request: pb.StreamPointsRequest) -> None:
         for tip in request.tip_poses:
-            if not (math.isfinite(tip.t) and abs(tip.t - time.time()) <= SPAN):
+            now = self._device.now()
+            if not (math.isfinite(tip.t) and abs(tip.t - now) <= SPAN):
                 raise InvalidInput(
-                    f"A tip pose is of {tip.t:.3f} s, not within {SPAN:g} s of the gateway's {time.time():.3f} s.",
+                    f"A tip pose is of {tip.t:.3f} s, not within {SPAN:g} s of the device's {now:.3f} s.",
                     "Send seconds since the Unix epoch, and keep the robot's clock and the gateway's in step (NTP).",
                 )
             if self._path.end is None:

@@ -70,6 +70,23 @@ class PosePath:
         part = self.between(min(times), max(times))
         return Trajectory(np.array(part._t), np.array(part._matrices)).at(times)
 
+    def segments(self, times: Sequence[float]) -> tuple[Array, Array, Array]:
+        """The straight pieces of the path on which `times` (n,), s, lie, each of which is `KNOWN`.
+
+        Returns:
+            base_T_tip (n, 4, 4) at their beginnings and (n, 4, 4) at their ends, and (n,) how long they take, s. A path
+            of one pose stands still.
+        """
+        if len(self._t) == 1:
+            still = np.broadcast_to(self._matrices[0], (len(times), 4, 4))
+            return still, still, np.ones(len(times))
+        ends = [min(max(bisect_left(self._t, t), 1), len(self._t) - 1) for t in times]
+        return (
+            np.array([self._matrices[end - 1] for end in ends]).reshape(-1, 4, 4),
+            np.array([self._matrices[end] for end in ends]).reshape(-1, 4, 4),
+            np.array([self._t[end] - self._t[end - 1] for end in ends]),
+        )
+
     def between(self, start: float, end: float) -> PosePath:
         """The poses of this span, s, with one more on either side where there is one."""
         span = slice(max(0, bisect_left(self._t, start) - 1), bisect_left(self._t, end) + 1)

@@ -11,12 +11,14 @@ from pretouch.errors import InvalidInput, NotFound, Unavailable
 from pretouch.serving import Kit
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceServicer
-from pretouch.wire.common import samples_to_proto
+from pretouch.wire.common import pose_from_proto, samples_to_proto
+from pretouch_sensor_gateway.calibration.wire import calibration_from_proto
 from pretouch_sensor_gateway.configuration import VARIABLE
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.fusion import fuse_span
 from pretouch_sensor_gateway.point_stream import PointStream
-from pretouch_sensor_gateway.wire import device_to_proto, points_to_proto, ranges_to_proto
+from pretouch_sensor_gateway.status_wire import device_to_proto, status_to_proto
+from pretouch_sensor_gateway.wire import points_to_proto
 
 
 class SensorGatewayServicer(SensorGatewayServiceServicer):
@@ -29,6 +31,18 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
     async def ListDevices(self, request: pb.ListDevicesRequest, context: Any) -> pb.ListDevicesResponse:
         return pb.ListDevicesResponse(devices=[device_to_proto(device) for device in self._devices.values()])
 
+    async def GetStatus(self, request: pb.GetStatusRequest, context: Any) -> pb.GetStatusResponse:
+        return status_to_proto(self._device(request.device))
+
+    async def Configure(self, request: pb.ConfigureRequest, context: Any) -> pb.ConfigureResponse:
+        device = self._device(request.device)
+        device.configure(
+            tip_T_module=[pose_from_proto(pose, f"tip_t_module[{k}]") for k, pose in enumerate(request.tip_t_module)],
+            calibration=calibration_from_proto(request.calibration) if request.HasField("calibration") else None,
+            recording=request.recording if request.HasField("recording") else None,
+        )
+        return pb.ConfigureResponse(configuration=device.configuration())
+
     async def StreamRanges(
         self, request: pb.StreamRangesRequest, context: Any
     ) -> AsyncIterator[pb.StreamRangesResponse]:
@@ -39,9 +53,10 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
                 subscription.changed.clear()
                 if self._kit.draining.is_set():
                     raise _stopping()
-                frames, lost = subscription.take()
-                if frames:
-                    yield ranges_to_proto(frames, lost)
+                deliveries, overrun = subscription.take()
+                for delivery in deliveries:
+                    yield pb.StreamRangesResponse(batch=delivery.message, overrun=overrun)
+                    overrun = 0
 
     async def StreamPoints(
         self, request_iterator: AsyncIterator[pb.StreamPointsRequest], context: Any
@@ -55,8 +70,8 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
             await context.send_initial_metadata(())
             stream = PointStream(device, subscription, first, requests)
             async with aclosing(stream.batches(self._kit.draining)) as batches:
-                async for fused, lost in batches:
-                    yield points_to_proto(fused, lost)
+                async for fused, lost, overrun in batches:
+                    yield points_to_proto(fused, lost, overrun)
             if self._kit.draining.is_set():
                 raise _stopping()
 

@@ -60,6 +60,11 @@ class Recorder:
         self._overflowed = 0
         self._frames = self._unrecorded = self._pending = 0
 
+    @property
+    def on(self) -> bool:
+        """Whether the device is recorded."""
+        return self._on
+
     def start(self) -> None:
         """Records from the next batch on."""
         self._on = True

@@ -1,4 +1,4 @@
-"""The binary wire: a message and its CRC-16, COBS-encoded, ended by a zero byte.
+"""The binary format: a message and its CRC-16, COBS-encoded, ended by a zero byte.
 
 COBS (Cheshire and Baker, 1999) takes every zero out of the data, so that a zero always ends a frame and a listener that
 joins in the middle is in step at the next one. README.md describes the format for the author of a firmware.
@@ -8,14 +8,24 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from enum import Enum
 
 from cobs import cobs
 from fastcrc import crc16
 
-from pretouch_sensor_gateway.messages import BadLength, Message, UnknownKind, UnknownVersion, pack, unpack
+from pretouch_sensor_gateway.wire_formats.messages import (
+    COUNTER_MODULUS,
+    BadLength,
+    Identify,
+    Message,
+    Ping,
+    UnknownKind,
+    UnknownVersion,
+    pack,
+    unpack,
+)
+from pretouch_sensor_gateway.wire_formats.received import Received, Refusal
 
-MAX_FRAME = 206
+MAX_FRAME = 208
 """Longest encoded frame without its zero, bytes: 64 modules.
 
 A line that never sends a zero (a wrong baud rate, a boot loader that prints, a hostile device) would otherwise fill the
@@ -25,17 +35,6 @@ END = b"\0"
 _CRC = struct.Struct("<H")
 
 
-class Refusal(Enum):
-    """Why a frame was refused."""
-
-    OVERSIZE = "longer than any frame may be"
-    ENCODING = "not COBS"
-    CHECKSUM = "checksum does not match"
-    VERSION = "another version of the format"
-    KIND = "a kind of message that this version does not have"
-    LENGTH = "length does not fit the kind of message"
-
-
 def encode(message: Message) -> bytes:
     """The frame of `message`, with the zero that ends it."""
     body = pack(message)
@@ -43,22 +42,20 @@ def encode(message: Message) -> bytes:
     return encoded + END
 
 
-class Decoder:
-    """Takes bytes as they come, in pieces of any size, and gives messages. What it cannot read it counts and skips.
+class FrameDecoder:
+    """Takes bytes as they come, in pieces of any size, and gives messages of either direction.
 
     Attributes:
-        accepted: messages so far.
         refused: frames refused so far, by reason.
     """
 
     def __init__(self) -> None:
-        self.accepted = 0
         self.refused: Counter[Refusal] = Counter()
         self._buffer = bytearray()
         self._oversize = False
 
     def feed(self, data: bytes) -> list[Message]:
-        """The messages that `data` completes, in their order."""
+        """The messages that `data` completes, in their order; never raises."""
         *ended, rest = data.split(END)
         messages = []
         for piece in ended:
@@ -67,7 +64,6 @@ class Decoder:
             if message is not None:
                 messages.append(message)
         self._append(rest)
-        self.accepted += len(messages)
         return messages
 
     def restart(self) -> None:
@@ -95,6 +91,33 @@ class Decoder:
             self.refused[outcome] += 1
             return None
         return outcome
+
+
+class BinaryFormat:
+    """The binary format as the gateway hears it (a `WireFormat`)."""
+
+    name = "binary"
+    two_way = True
+    tick_modulus = COUNTER_MODULUS
+
+    def __init__(self) -> None:
+        self._frames = FrameDecoder()
+
+    @property
+    def refused(self) -> Counter[Refusal]:
+        return self._frames.refused
+
+    def feed(self, data: bytes) -> list[Received]:
+        received: list[Received] = []
+        for message in self._frames.feed(data):
+            if isinstance(message, Ping | Identify):
+                self.refused[Refusal.KIND] += 1  # our own words: the line echoes
+            else:
+                received.append(message)
+        return received
+
+    def restart(self) -> None:
+        self._frames.restart()
 
 
 def _decode(frame: bytes) -> Message | Refusal:

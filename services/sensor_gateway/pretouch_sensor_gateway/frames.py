@@ -1,0 +1,64 @@
+"""Measurements as columns, apart from the batches that they came in: what history keeps and fusion fuses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.geometry import Array
+from pretouch_sensor_gateway.batch import Batch
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """f measurements of k modules.
+
+    Attributes:
+        t: (f,) s since the Unix epoch.
+        time_std: (f,) s, one standard deviation of t.
+        range: (f, k) m, NaN where a module gave none.
+        status: (f, k) uint8, 0 is good.
+        flags: (f, k) uint8, of `batch.Flag`.
+    """
+
+    t: Array
+    time_std: Array
+    range: Array
+    status: NDArray[np.uint8]
+    flags: NDArray[np.uint8]
+
+    @staticmethod
+    def of(batch: Batch) -> Frames:
+        """All of a batch."""
+        return Frames(batch.t, np.full(len(batch), batch.time_std), batch.range, batch.status, batch.flags)
+
+    @staticmethod
+    def none(modules: int = 0) -> Frames:
+        """No measurement at all."""
+        codes = np.zeros((0, modules), dtype=np.uint8)
+        return Frames(np.zeros(0), np.zeros(0), np.zeros((0, modules)), codes, codes)
+
+    @staticmethod
+    def concatenate(parts: Sequence[Frames]) -> Frames:
+        """All of `parts`, which have equally many modules, in their order."""
+        return Frames(
+            np.concatenate([part.t for part in parts]),
+            np.concatenate([part.time_std for part in parts]),
+            np.concatenate([part.range for part in parts]),
+            np.concatenate([part.status for part in parts]),
+            np.concatenate([part.flags for part in parts]),
+        )
+
+    def select(self, which: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Frames:
+        """Those measurements."""
+        return Frames(self.t[which], self.time_std[which], self.range[which], self.status[which], self.flags[which])
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def modules(self) -> int:
+        return int(self.range.shape[1])

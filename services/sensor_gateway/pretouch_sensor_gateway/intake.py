@@ -1,0 +1,279 @@
+"""From a device's bytes to batches with times: the whole way of one device, without any I/O.
+
+    bytes ─▶ wire format ─▶ epoch ─▶ clock ─▶ assembler ─▶ batch
+
+A measurement that does not follow the one before is kept aside. If the next one follows *it*, the device started anew
+(or another one sits on the line): a new epoch begins with both, and the handshake begins again. If not, it was damaged.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby
+
+from pretouch_sensor_gateway.assembler import Assembler, Timed
+from pretouch_sensor_gateway.batch import Batch
+from pretouch_sensor_gateway.calibration.model import Calibration
+from pretouch_sensor_gateway.clock.arrival_clock import ArrivalClock
+from pretouch_sensor_gateway.clock.ping_clock import HostTime, PingClock
+from pretouch_sensor_gateway.clock.wall_clock import WallClock
+from pretouch_sensor_gateway.epoch import Epoch
+from pretouch_sensor_gateway.handshake import Handshake
+from pretouch_sensor_gateway.source import ClockState
+from pretouch_sensor_gateway.wire_formats.binary import END, encode
+from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
+from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply, Refusal, WireFormat
+
+MAX_HELD = 256
+"""Measurements held until the device's clock is known; it takes milliseconds, so more means that it never will be."""
+_SLACK = 1.0
+"""Seconds that a device may seem to have started too early to have been missed: its period is only estimated."""
+
+
+@dataclass(frozen=True)
+class _Rival:
+    """A measurement that does not follow, and the epoch that it would begin."""
+
+    epoch: Epoch
+    message: Measurement
+    at: float
+    transmission: float
+
+
+@dataclass(frozen=True)
+class _Heard:
+    """A measurement in its epoch: sequence, time on the device's clock if it tells one, arrival and transmission, s."""
+
+    measurement: Measurement
+    sequence: int
+    device: float | None
+    arrival: float
+    transmission: float
+
+
+class Intake:
+    """One device's bytes in their order. Host times are seconds of `time.monotonic`, which the caller tells.
+
+    Args:
+        wire_format: how the device speaks.
+        byte_time: s that a byte takes on the line; 0 where that is not known.
+        calibration: of its modules, and perhaps of one board only.
+
+    Attributes:
+        frames: measurements given in batches so far. Another good one is held, `untimed`, or refused as foreign.
+        lost: measurements missing by sequence so far.
+        untimed: good measurements given up because the device's clock was not known.
+        refused: frames or lines refused after the wire format let them pass, by reason.
+        epoch: how often the device was seen to start anew.
+        last_good: when the last good measurement came, s.
+    """
+
+    def __init__(self, wire_format: WireFormat, byte_time: float, calibration: Calibration | None) -> None:
+        self.frames = self.lost = self.untimed = self.epoch = 0
+        self.last_good = -float("inf")
+        self._refused: Counter[Refusal] = Counter()
+        self._format = wire_format
+        self._byte_time = byte_time
+        self._assembler = Assembler(calibration)
+        self._handshake = Handshake()
+        self._clock = PingClock()
+        self._arrivals = ArrivalClock()
+        self._wall = WallClock()
+        self._current: Epoch | None = None
+        self._began = 0.0
+        self._rival: _Rival | None = None
+        self._held: deque[_Heard] = deque()
+        self._untold = 0  # lost, and not yet told in a batch
+        self._undescribed = 0  # modules of the last measurement, if the calibration is of another number
+        self._time_std = float("nan")
+
+    @property
+    def refused(self) -> Counter[Refusal]:
+        """Frames or lines refused so far, by reason."""
+        return self._format.refused + self._refused
+
+    @property
+    def format_name(self) -> str:
+        return self._format.name
+
+    @property
+    def identity(self) -> Identity | None:
+        """What the device says of itself; None while it has not."""
+        return self._handshake.identity
+
+    @property
+    def synchronised(self) -> bool:
+        """Whether measurements can be given a time."""
+        return self._clock.synchronised if self._format.two_way else self._current is not None
+
+    @property
+    def clock(self) -> ClockState:
+        return ClockState(
+            self.synchronised, self._clock.drift, self._time_std, self._clock.round_trip, self._wall.jumps
+        )
+
+    @property
+    def next_send(self) -> float:
+        """When `outgoing` has something to send, s."""
+        return self._handshake.next if self._format.two_way else float("inf")
+
+    def outgoing(self, at: float) -> bytes:
+        """What is to be sent to the device now."""
+        if at < self.next_send:
+            return b""
+        frames = [encode(message) for message in self._handshake.due(at)]
+        return END + b"".join(frames)  # the END first: a port may have taken only a part of what was sent before
+
+    def calibrate(self, calibration: Calibration | None) -> None:
+        """Takes ranges by `calibration` from now on."""
+        self._assembler.calibration = calibration
+
+    def opened(self, at: float) -> None:
+        """The line is open: the whole handshake begins again, and what was half received is void."""
+        self._format.restart()
+        self._handshake.begin(at)
+
+    def closed(self) -> None:
+        """The line is cut: what waits for confirmation will get none."""
+        self._drop_rival()
+
+    def received(self, data: bytes, at: float, unix: float) -> list[Batch]:
+        """Bytes of the device, read at host time `at`, s, which was `unix` s since the Unix epoch."""
+        self._wall.observe(at, unix)
+        transmission = len(data) * self._byte_time
+        for message in self._format.feed(data):
+            match message:
+                case Measurement():
+                    self._measured(message, at, transmission)
+                case PingReply():
+                    self._answered(message, at)
+                case Identity():
+                    self._handshake.identity = message
+        return list(self._batches(at))
+
+    def problem(self) -> str:
+        """Why good measurements are not passed on; "" if they are."""
+        if self._foreign():
+            board = self.identity.serial if self.identity else ""
+            return f"Board {board or 'without a serial'} is connected; the calibration is of {self._wanted_serial}."
+        if self._undescribed:
+            return f"The device has {self._undescribed} modules, and its calibration describes another number."
+        if self._format.two_way and self._wanted_serial and self.identity is None:
+            return "The device does not say which board it is, and its calibration is of one board only."
+        if not self.synchronised:
+            return "The device answers no pings, so its frames have no time and are not passed on."
+        return ""
+
+    def _measured(self, message: Measurement, at: float, transmission: float) -> None:
+        if self._current is None:
+            self._begin(message.boot, at)
+        assert self._current is not None
+        if self._current.follows(message, at):
+            self._drop_rival()
+            self._take(message, at, transmission)
+        elif self._rival is not None and self._rival.epoch.follows(message, at):
+            first, self._rival = self._rival, None
+            unheard = self._unheard(first, message)
+            self.epoch += 1
+            self._begin(message.boot, first.at)
+            self._lose(unheard)
+            self._take(first.message, first.at, first.transmission)
+            self._take(message, at, transmission)
+        else:
+            self._drop_rival()
+            epoch = Epoch(self._format.tick_modulus, message.boot)
+            epoch.take(message, at)
+            self._rival = _Rival(epoch, message, at, transmission)
+
+    def _begin(self, boot: int | None, at: float) -> None:
+        """A new epoch, first heard at `at`. What was held of the one before has no time and will get none."""
+        self.untimed += len(self._held)
+        self._untold += len(self._held)
+        self._held.clear()
+        self._current = Epoch(self._format.tick_modulus, boot)
+        self._began = at
+        self._clock.restart()
+        self._arrivals.restart()
+        self._assembler.restart()
+        self._handshake.begin(at)
+
+    def _take(self, message: Measurement, at: float, transmission: float) -> None:
+        assert self._current is not None
+        sequence, missing, device = self._current.take(message, at)
+        self._lose(missing)
+        self.last_good = at
+        if len(self._held) == MAX_HELD:
+            self._held.popleft()
+            self.untimed += 1
+            self._untold += 1
+        self._held.append(_Heard(message, sequence, device, at, transmission))
+
+    def _answered(self, reply: PingReply, at: float) -> None:
+        if self._current is None or not self._current.follows(reply, at):
+            return
+        sent = self._handshake.sent(reply.sequence)
+        if sent is not None:
+            self._clock.answered(sent, at, self._current.device_time(reply, at))
+
+    def _batches(self, at: float) -> Iterator[Batch]:
+        """What can be given a time by now, as batches."""
+        if not self.synchronised or (self._format.two_way and self._wanted_serial and self.identity is None):
+            return
+        held, self._held = list(self._held), deque()
+        if self._foreign():
+            self._refused[Refusal.FOREIGN] += len(held)
+            return
+        for count, group in groupby(held, lambda heard: len(heard.measurement.ranges)):
+            heard = list(group)
+            if not self._assembler.describes(count):
+                self._refused[Refusal.FOREIGN] += len(heard)
+                self._undescribed = count
+                continue
+            batch = self._assembler.batch(
+                [self._timed(one) for one in heard], self.epoch, at - self._began, self._untold
+            )
+            self._untold = self._undescribed = 0
+            self.frames += len(batch)
+            self._time_std = batch.time_std
+            yield batch
+
+    def _timed(self, heard: _Heard) -> Timed:
+        host: HostTime | None
+        if self._format.two_way:
+            assert heard.device is not None
+            host = self._clock.host_time(heard.device)
+            assert host is not None
+        else:
+            host = self._arrivals.host_time(heard.arrival, heard.transmission, heard.device)
+        return Timed(heard.measurement, heard.sequence, self._wall.unix(host.at), host.std)
+
+    def _unheard(self, first: _Rival, second: Measurement) -> int:
+        """How many measurements of its new epoch nobody heard, if the device started since the last good one.
+
+        One that has been running for longer, on another cable, missed nobody.
+        """
+        sequence, micros = first.message.sequence, first.message.micros
+        if sequence is None or micros is None or second.sequence is None or second.micros is None:
+            return 0
+        period = (second.micros - micros) % COUNTER_MODULUS * 1e-6 / max(1, second.sequence - sequence)
+        return sequence if sequence * period <= first.at - self.last_good + _SLACK else 0
+
+    def _lose(self, count: int) -> None:
+        self.lost += count
+        self._untold += count
+
+    def _drop_rival(self) -> None:
+        if self._rival is not None:
+            self._refused[Refusal.IMPLAUSIBLE] += 1
+            self._rival = None
+
+    @property
+    def _wanted_serial(self) -> str:
+        calibration = self._assembler.calibration
+        return "" if calibration is None else calibration.serial
+
+    def _foreign(self) -> bool:
+        """Whether another board answers than the one that was calibrated."""
+        return bool(self._wanted_serial) and self.identity is not None and self.identity.serial != self._wanted_serial

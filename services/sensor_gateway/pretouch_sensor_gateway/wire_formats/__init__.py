@@ -1,0 +1,1 @@
+"""The wire formats that the gateway understands, a file each."""
