@@ -1,4 +1,4 @@
-"""An hour of a finger on a bad line, in time that passes as fast as it can be computed; `python -m tests.gateway_hour`.
+"""An hour of a finger on a bad line, in time that passes as fast as it can be computed; `python tests/gateway_hour.py`.
 
 Every 20 s something goes wrong. What the boards sent must be what was delivered and what was reported lost.
 """
@@ -17,8 +17,7 @@ from pretouch_sensor_gateway.subscription import Delivery, Subscription
 from pretouch_sensor_gateway.wire_formats.binary import BinaryFormat
 from rich.console import Console
 from rich.table import Table
-
-from tests.virtual_finger import VirtualFinger, flipped
+from virtual_finger import VirtualFinger, flipped
 
 EVERY = 20.0
 """Seconds from fault to fault."""
@@ -226,7 +225,7 @@ def report(hour: Hour, console: Console) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.gateway_hour", description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hours", type=float, default=1.0)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()

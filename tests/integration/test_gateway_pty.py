@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from grpc.aio import AioRpcError
+from hand_finger import HandFinger
 from pretouch_sensor_gateway.batch import Batch
 from pretouch_sensor_gateway.configuration import VARIABLE
 from pretouch_sensor_gateway.device import Device
@@ -30,7 +31,6 @@ from pretouch.v1 import common_pb2
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch.wire.common import array_from_proto, pose_to_proto, samples_from_proto
-from tests.hand_finger import HandFinger
 
 TIMEOUT = 120.0  # of each whole conversation: only a hang takes so long
 PLANE_FINGER = """

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-
-from tests.gateway_hour import Hour
+from gateway_hour import Hour
 
 
 @pytest.fixture(scope="module")
