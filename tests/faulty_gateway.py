@@ -1,0 +1,93 @@
+"""The real sensor gateway for a test that spoils something: within this process, and a client of it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, MutableMapping
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import structlog.testing
+from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
+from pretouch_sensor_gateway.service import serving
+
+from pretouch.channel import open_channel
+from pretouch.serving import Settings, started
+from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
+from tests.faulty_listener import Listener
+
+TIMEOUT = 60.0
+"""Seconds of a whole conversation: only a hang takes so long."""
+_POLL = 0.01
+
+
+class Gateway:
+    """A client of a gateway with one device.
+
+    Attributes:
+        port: of gRPC.
+        log: what the gateway logged, where it runs in this process.
+    """
+
+    def __init__(self, port: int, stub: Any, log: list[MutableMapping[str, Any]]) -> None:
+        self.port = port
+        self.stub = stub
+        self.log = log
+
+    async def status(self) -> pb.GetStatusResponse:
+        answer: pb.GetStatusResponse = await self.stub.GetStatus(pb.GetStatusRequest())
+        return answer
+
+    async def until(self, wanted: Callable[[pb.GetStatusResponse], bool]) -> pb.GetStatusResponse:
+        """The first status that is as wanted; nobody is told of its changes."""
+        while not wanted(status := await self.status()):  # noqa: ASYNC110
+            await asyncio.sleep(_POLL)
+        return status
+
+    async def opened(self, times: int = 1) -> None:
+        """Until the port was opened so often: a pty forgets what was sent before."""
+        await self.until(lambda status: status.connections >= times)
+
+    @asynccontextmanager
+    async def listening(self) -> AsyncIterator[Listener]:
+        """A subscriber that misses nothing from now on."""
+        stream = self.stub.StreamRanges(pb.StreamRangesRequest())
+        await stream.wait_for_connection()
+        async with Listener(stream) as listener:
+            yield listener
+
+    def warnings(self) -> list[str]:
+        return [entry["event"] for entry in self.log if entry["log_level"] == "warning"]
+
+
+@asynccontextmanager
+async def gateway(port: Path | GatewaySetting) -> AsyncIterator[Gateway]:
+    """A gateway in this process, with one device on `port`; no defect may show in its log in the end."""
+    setting = port if isinstance(port, GatewaySetting) else GatewaySetting((DeviceSetting("finger", str(port)),))
+    with structlog.testing.capture_logs() as log:
+        async with (
+            asyncio.timeout(TIMEOUT),
+            started("gateway", partial(serving, setting=setting), Settings(grace=1.0)) as service,
+            client(service.port, log) as clients,
+        ):
+            yield clients
+    assert not [entry for entry in log if entry["log_level"] in ("error", "critical")]
+
+
+@asynccontextmanager
+async def client(port: int, log: list[MutableMapping[str, Any]] | None = None) -> AsyncIterator[Gateway]:
+    """A client of the gateway on that port of gRPC."""
+    async with open_channel(f"127.0.0.1:{port}") as channel:
+        yield Gateway(port, SensorGatewayServiceStub(channel), [] if log is None else log)
+
+
+def unix_offset() -> float:
+    """By how much the Unix clock is ahead of `time.monotonic`, s."""
+    while True:
+        before, unix, after = time.monotonic(), time.time(), time.monotonic()
+        if after - before < 1e-4:
+            return unix - (before + after) / 2
