@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 
 import structlog
@@ -23,6 +23,8 @@ DEVICE = "finger"
 """What the device is called."""
 _GRACE = 0.5
 """Seconds that calls get to end."""
+_PATIENCE = 10.0
+"""Seconds after which a gateway that hangs is left behind."""
 
 
 @contextmanager
@@ -44,8 +46,9 @@ def local_gateway(address: str, wire_format: str = AUTO, baud: int = DEFAULT_BAU
         try:
             yield where
         finally:
-            loop.call_soon_threadsafe(stop.set)
-            thread.join()
+            with suppress(RuntimeError):  # its loop is closed: it has ended by itself
+                loop.call_soon_threadsafe(stop.set)
+            thread.join(_PATIENCE)
 
 
 async def _serve(setting: GatewaySetting, ready: Future[tuple[str, asyncio.AbstractEventLoop, asyncio.Event]]) -> None:
