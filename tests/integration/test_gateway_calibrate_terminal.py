@@ -50,7 +50,6 @@ class Terminal:
         )
         self._seen = ""
         self._end = time.monotonic() + PATIENCE
-        self._opened = False
         self._far_end = far_end
 
     def until(self, text: str) -> str:

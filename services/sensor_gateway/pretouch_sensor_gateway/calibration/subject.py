@@ -9,10 +9,11 @@ from typing import Any
 import grpc
 import numpy as np
 
-from pretouch.errors import Unavailable, from_rpc_error
+from pretouch.errors import InvalidInput, Unavailable, from_rpc_error
 from pretouch.geometry import Array
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import array_from_proto
+from pretouch_sensor_gateway.calibration.apart import answer, stream
 from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.calibration.wire import calibration_to_proto
 from pretouch_sensor_gateway.wire_formats.received import OK
@@ -50,7 +51,7 @@ class Subject:
     def __init__(self, stub: Any, device: str) -> None:
         self._stub = stub
         try:
-            status = stub.GetStatus(pb.GetStatusRequest(device=device), timeout=_TIMEOUT)
+            status = answer(lambda: stub.GetStatus(pb.GetStatusRequest(device=device), timeout=_TIMEOUT))
         except grpc.RpcError as error:
             raise from_rpc_error(error) from error
         self.name: str = status.device.name
@@ -70,25 +71,28 @@ class Subject:
             InvalidInput: what came makes no sense.
         """
         timeout = 3 * count / self._rate + _TIMEOUT
+        request = pb.StreamRangesRequest(device=self.name)
         parts: list[Array] = []
-        epoch = got = 0
-        call = self._stub.StreamRanges(pb.StreamRangesRequest(device=self.name), timeout=timeout)
+        got = 0
         try:
-            for response in call:
-                raw, status = (
-                    array_from_proto(getattr(response.batch, name), f"batch.{name}") for name in ("raw", "status")
-                )
-                parts.append(np.where(status == OK, raw, np.nan))
-                epoch = response.batch.epoch
-                got += len(raw)
-                told(min(got, count))
-                if got >= count:
-                    return Frames(np.concatenate(parts)[:count], epoch)
+            with stream(lambda: self._stub.StreamRanges(request, timeout=timeout)) as responses:
+                for response in responses:
+                    raw, status = (
+                        array_from_proto(getattr(response.batch, name), f"batch.{name}") for name in ("raw", "status")
+                    )
+                    if raw.ndim != 2 or raw.shape != status.shape:
+                        raise InvalidInput(
+                            f"The gateway sent {list(raw.shape)} readings and {list(status.shape)} status codes.",
+                            "Use a gateway of this version of pretouch.",
+                        )
+                    parts.append(np.where(status == OK, raw, np.nan))
+                    got += len(raw)
+                    told(min(got, count))
+                    if got >= count:
+                        return Frames(np.concatenate(parts)[:count], response.batch.epoch)
         except grpc.RpcError as error:
             if error.code() is not grpc.StatusCode.DEADLINE_EXCEEDED:
                 raise from_rpc_error(error) from error
-        finally:
-            call.cancel()
         raise Unavailable(
             f"Only {got} of {count} measurements came within {timeout:.0f} s.", "Check the device's cable and power."
         )
@@ -101,6 +105,6 @@ class Subject:
         """
         request = pb.ConfigureRequest(device=self.name, calibration=calibration_to_proto(calibration))
         try:
-            self._stub.Configure(request, timeout=_TIMEOUT)
+            answer(lambda: self._stub.Configure(request, timeout=_TIMEOUT))
         except grpc.RpcError as error:
             raise from_rpc_error(error) from error
