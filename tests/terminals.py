@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import pty
+import select
 import signal
 import struct
 import subprocess
@@ -36,6 +37,7 @@ class Terminal:
 
     def __enter__(self) -> Terminal:
         self._master, self._slave = pty.openpty()
+        self._enough = os.pipe()
         self.resize(80, 24)
         self.before = termios.tcgetattr(self._slave)
         kept = {key: value for key, value in os.environ.items() if not key.startswith(("PRETOUCH_", "NO_COLOR"))}
@@ -57,9 +59,14 @@ class Terminal:
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
-        os.close(self._slave)
-        self._reader.join(_TIMEOUT)
-        os.close(self._master)
+        self._close()
+
+    def _close(self) -> None:
+        if self._reader.is_alive():
+            os.write(self._enough[1], b".")
+            self._reader.join(_TIMEOUT)
+            for descriptor in (self._slave, self._master, *self._enough):
+                os.close(descriptor)
 
     @property
     def screen(self) -> list[str]:
@@ -98,6 +105,11 @@ class Terminal:
     def tell(self, number: signal.Signals) -> None:
         self._process.send_signal(number)
 
+    def hang_up(self) -> int:
+        """Closes the window; its exit code."""
+        self._close()
+        return self._process.wait(_TIMEOUT)
+
     def ended(self) -> int:
         """Its exit code, once it has ended and all that it wrote was read."""
         code = self._process.wait(_TIMEOUT)
@@ -109,13 +121,8 @@ class Terminal:
         return code
 
     def _read(self) -> None:
-        while True:
-            try:
-                data = os.read(self._master, 65536)
-            except OSError:  # EIO: nobody holds the other end any more
-                return
-            if not data:
-                return
+        while self._enough[0] not in select.select([self._master, self._enough[0]], [], [])[0]:
+            data = os.read(self._master, 65536)
             with self._changed:
                 self._said += data
                 self._stream.feed(data)

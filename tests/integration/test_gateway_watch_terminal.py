@@ -74,6 +74,12 @@ def test_however_it_is_ended_the_terminal_is_as_before(gateway: FakeGateway, way
         is_restored(terminal)
 
 
+def test_a_window_that_is_closed_ends_it(gateway: FakeGateway) -> None:
+    with watching(gateway.address) as terminal:
+        terminal.wait_for("● streaming")
+        assert terminal.hang_up() == 0
+
+
 def test_it_ends_by_itself_after_the_seconds_given(gateway: FakeGateway) -> None:
     with watching(gateway.address, "--seconds", "0.5") as terminal:
         assert terminal.ended() == 0

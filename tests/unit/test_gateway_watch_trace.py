@@ -71,7 +71,7 @@ def test_a_sparkline_tells_ranges_misses_and_gaps_apart() -> None:
         mean=np.array([[0.02], [0.06], [np.nan], [np.nan], [0.04]]),
     )
     text = sparkline(summary, 0)
-    assert text.plain == "▁█ ·▅"
+    assert text.plain == "▁▇ ·▄"
     assert [(span.start, span.end, span.style) for span in text.spans if span.style] == [
         (0, 2, "cyan"),
         (3, 5, "yellow"),
@@ -86,12 +86,12 @@ def test_noise_does_not_fill_a_sparkline() -> None:
 @pytest.mark.parametrize(
     ("metres", "drawn"),
     [
-        (0.0, "          "),
-        (0.05, "█████     "),
-        (0.0525, "█████▎    "),
-        (0.1, "██████████"),
-        (0.2, "█████████▶"),
-        (math.nan, "          "),
+        (0.0, "──────────"),
+        (0.05, "━━━━━─────"),
+        (0.0554, "━━━━━╸────"),
+        (0.1, "━━━━━━━━━━"),
+        (0.2, "━━━━━━━━━▶"),
+        (math.nan, "──────────"),
     ],
 )
 def test_a_bar_is_as_long_as_its_range(metres: float, drawn: str) -> None:

@@ -13,22 +13,22 @@ from pretouch_sensor_gateway.watch.trace import Summary
 
 FULL = 0.1
 """Metres of a full bar."""
-_EIGHTHS = " ▏▎▍▌▋▊▉"
-_LEVELS = "▁▂▃▄▅▆▇█"
+_WHOLE, _HALF, _BEYOND, _TRACK = "━╸▶─"
+_LEVELS = "▁▂▃▄▅▆▇"
 _MISS = "·"
 _LEAST_HEIGHT = 0.01
 """Metres of a sparkline's full height at the least, so that noise does not look like motion."""
 
 
 def bar(metres: float, width: int, style: str) -> Text:
-    """A bar of 0 to `FULL`; nothing for NaN, and an arrow at the end for what lies beyond."""
+    """A bar of 0 to `FULL` on its track; none for NaN, and an arrow at the end for what lies beyond."""
     if math.isnan(metres):
-        return Text(" " * width)
+        return Text(_TRACK * width, "dim")
     if metres > FULL:
-        return Text("█" * (width - 1) + "▶", style)
-    eighths = round(max(metres, 0.0) / FULL * width * 8)
-    full = "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
-    return Text(full.ljust(width), style)
+        return Text(_WHOLE * (width - 1) + _BEYOND, style)
+    whole, half = divmod(round(2 * width * max(metres, 0.0) / FULL), 2)
+    filled = _WHOLE * whole + _HALF * half
+    return Text.assemble((filled, style), (_TRACK * (width - len(filled)), "dim"))
 
 
 def sparkline(summary: Summary, module: int) -> Text:
