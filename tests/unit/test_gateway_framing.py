@@ -222,7 +222,7 @@ def test_a_firmware_s_name_is_cut_to_what_fits_and_shown_as_printable_text() -> 
     told = unpack(pack(Identity(0, "0102030405060708", 1, 0.03, "grün " * 10)))
     assert isinstance(told, Identity)
     assert told.firmware == ("gr?n " * 10)[:MAX_FIRMWARE]
-    assert unpack(WHO[:25] + b"\x1b[2J\xff") == Identity(0, "", 1, 0.03, "?[2J?")
+    assert unpack(WHO[:25] + b"\x1b[2J\x7f\xff") == Identity(0, "", 1, 0.03, "?[2J??")
 
 
 README = (Path(__file__).parents[2] / "services/sensor_gateway/README.md").read_text()
