@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import grpc.aio
 import structlog.testing
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.service import serving
@@ -80,9 +81,18 @@ async def gateway(port: Path | GatewaySetting) -> AsyncIterator[Gateway]:
 
 @asynccontextmanager
 async def client(port: int, log: list[MutableMapping[str, Any]] | None = None) -> AsyncIterator[Gateway]:
-    """A client of the gateway on that port of gRPC."""
+    """A client of the gateway on that port of gRPC, once it is connected."""
     async with open_channel(f"127.0.0.1:{port}") as channel:
+        await channel.channel_ready()
         yield Gateway(port, SensorGatewayServiceStub(channel), [] if log is None else log)
+
+
+@asynccontextmanager
+async def small_window(port: int) -> AsyncIterator[Gateway]:
+    """A client whose side of the connection takes few bytes that it has not read: 64 KiB instead of megabytes."""
+    options = (("grpc.http2.bdp_probe", 0), ("grpc.http2.lookahead_bytes", 65_536))
+    async with grpc.aio.insecure_channel(f"127.0.0.1:{port}", options) as channel:
+        yield Gateway(port, SensorGatewayServiceStub(channel), [])
 
 
 def unix_offset() -> float:

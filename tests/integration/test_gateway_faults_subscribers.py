@@ -11,7 +11,7 @@ from pretouch_sensor_gateway.subscription import QUEUE_FRAMES
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from tests.faulty_board import Board
-from tests.faulty_gateway import Gateway, client, gateway, unix_offset
+from tests.faulty_gateway import Gateway, client, gateway, small_window, unix_offset
 from tests.faulty_listener import Account, Listener
 from tests.links import eventually
 
@@ -24,7 +24,8 @@ async def test_one_that_stops_reading_is_told_its_losses_and_another_loses_nothi
     async with (
         gateway(tmp_path / "finger") as clients,
         clients.listening() as quick,
-        clients.listening() as slow,
+        small_window(clients.port) as idle,
+        idle.listening() as slow,
     ):
         await clients.opened()
         await board.bursts(2)
@@ -54,7 +55,8 @@ async def test_losses_on_the_line_and_in_the_queue_are_each_told_once(tmp_path: 
     async with (
         gateway(tmp_path / "finger") as clients,
         clients.listening() as quick,
-        clients.listening() as slow,
+        small_window(clients.port) as idle,
+        idle.listening() as slow,
     ):
         await clients.opened()
         await board.bursts(2)
