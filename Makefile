@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: demo test lint proto bench clean
+.PHONY: demo test lint proto bench fuzz clean
 
 demo: $(VENV)/.demo
 	$(BIN)/pretouch demo
@@ -27,6 +27,9 @@ proto: $(VENV)/.test
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks
 
+fuzz: $(VENV)/.fuzz
+	$(BIN)/python -m fuzz --seconds 180
+
 clean:
 	rm -rf $(VENV)
 
@@ -44,4 +47,8 @@ $(VENV)/.test: pyproject.toml | $(BIN)/python
 
 $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	$(PIP) install --quiet --progress-bar off -e '.[bench]'
+	@touch $@
+
+$(VENV)/.fuzz: pyproject.toml | $(BIN)/python
+	$(PIP) install --quiet --progress-bar off -e '.[fuzz]'
 	@touch $@

@@ -250,5 +250,38 @@ def test_text_lines_have_times_without_pings_and_nothing_is_sent() -> None:
     last = batches[-1]
     true = UNIX + at - 1 / 60 - 10 * 10 / 115_200
     assert abs(last.t[0] - true) < 2e-3
-    assert last.time_std == pytest.approx(1 / 30 / 12**0.5, rel=0.2)
+    assert 1 / 30 / 12**0.5 <= last.time_std < 0.02
     assert list(itertools.chain(*(batch.sequence for batch in batches))) == list(range(29))
+
+
+def test_lines_that_came_before_their_format_was_recognised_have_no_honest_time() -> None:
+    intake = Intake(format_named("auto"), 10 / 115_200, None)
+    intake.opened(0.0)
+    batches = []
+    for k in range(40):
+        at = 1.0 + k / 30
+        batches += intake.received(b"\n34 35 36", at, UNIX + at)
+    assert intake.format_name == "millimetres"
+    assert intake.untimed > 5
+    assert intake.frames + intake.untimed == 39  # the last line is half
+    assert sum(len(batch) + batch.lost for batch in batches) == 39
+    assert max(abs(batch.t[0] - UNIX - 1.0) for batch in batches[:1]) > 0.2
+
+
+def test_another_format_on_the_same_line_is_another_device() -> None:
+    intake = Intake(format_named("auto"), 0.0, None)
+    intake.opened(0.0)
+    finger = VirtualFinger()
+    for _ in range(5):
+        at = finger.next_due
+        assert intake.received(finger.measure(), at, UNIX + at) == []  # held: no ping is answered
+    intake.closed()
+    intake.opened(1.0)
+    batches = []
+    for k in range(40):
+        at = 1.0 + k / 30
+        batches += intake.received(b"\n34 35", at, UNIX + at)
+    assert (intake.epoch, intake.format_name) == (1, "millimetres")
+    assert intake.untimed >= 5
+    assert {batch.epoch for batch in batches} == {1}
+    assert {batch.modules for batch in batches} == {2}

@@ -24,7 +24,14 @@ from pretouch_sensor_gateway.handshake import Handshake
 from pretouch_sensor_gateway.source import ClockState
 from pretouch_sensor_gateway.wire_formats.binary import END, encode
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply, Refusal, WireFormat
+from pretouch_sensor_gateway.wire_formats.received import (
+    Identity,
+    Measurement,
+    PingReply,
+    Received,
+    Refusal,
+    WireFormat,
+)
 
 MAX_HELD = 256
 """Measurements held until the device's clock is known; it takes milliseconds, so more means that it never will be."""
@@ -82,6 +89,7 @@ class Intake:
         self._arrivals = ArrivalClock()
         self._wall = WallClock()
         self._current: Epoch | None = None
+        self._spoken = wire_format.name
         self._began = 0.0
         self._rival: _Rival | None = None
         self._held: deque[_Heard] = deque()
@@ -106,7 +114,9 @@ class Intake:
     @property
     def synchronised(self) -> bool:
         """Whether measurements can be given a time."""
-        return self._clock.synchronised if self._format.two_way else self._current is not None
+        if self._format.two_way:
+            return self._clock.synchronised
+        return self._format.name != "" and self._current is not None
 
     @property
     def clock(self) -> ClockState:
@@ -143,7 +153,7 @@ class Intake:
         """Bytes of the device, read at host time `at`, s, which was `unix` s since the Unix epoch."""
         self._wall.observe(at, unix)
         transmission = len(data) * self._byte_time
-        for message in self._format.feed(data):
+        for message in self._heard(data):
             match message:
                 case Measurement():
                     self._measured(message, at, transmission)
@@ -165,6 +175,24 @@ class Intake:
         if not self.synchronised:
             return "The device answers no pings, so its frames have no time and are not passed on."
         return ""
+
+    def _heard(self, data: bytes) -> list[Received]:
+        """What the device says. One that turns out to speak another format than before begins an epoch of its own."""
+        recognised = self._format.name
+        messages = self._format.feed(data)
+        if self._format.name == recognised:
+            return messages
+        if self._current is not None and self._format.name != self._spoken:
+            self.epoch += 1
+            self._current = None
+        self._spoken = self._format.name
+        if self._format.two_way:
+            return messages
+        # The lines that it was recognised by come at once, and nothing tells when all but the last one arrived.
+        early = max(0, len(messages) - 1)
+        self.untimed += early
+        self._untold += early
+        return messages[early:]
 
     def _measured(self, message: Measurement, at: float, transmission: float) -> None:
         if self._current is None:
