@@ -286,6 +286,7 @@ def test_nothing_measured_is_refused(bench: Bench) -> None:
         (["--out", "."], "cannot be written"),
         (["--report", "none/c.png"], "cannot be written"),
         (["--gateway", "nowhere"], "not a gRPC address"),
+        (["--port", "/dev/ttyACM0"], "without a running gateway"),
     ],
 )
 def test_what_cannot_work_is_refused_before_anything_is_measured(bench: Bench, options: list[str], said: str) -> None:

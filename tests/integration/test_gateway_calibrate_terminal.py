@@ -27,11 +27,9 @@ import os, sys
 terminal = os.open(sys.argv.pop(1), os.O_RDWR)
 for descriptor in range(3):
     os.dup2(terminal, descriptor)
-import typer
-from pretouch_sensor_gateway.calibration.command import calibrate
-app = typer.Typer()
-app.command()(calibrate)
-app()
+from pretouch.cli import main
+sys.argv[:1] = ["pretouch", "gateway", "calibrate"]
+main()
 """
 ANSI = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 

@@ -45,7 +45,7 @@ class Stub:
         self.timeouts: list[float] = []
         self.call = Call()
         self.status = pb.GetStatusResponse(
-            device=pb.Device(name="left", state=pb.DEVICE_STATE_STREAMING), identity=pb.Identity(period=0.1)
+            device=pb.Device(name="left", state=pb.DEVICE_STATE_STREAMING), identity=pb.Identity(period=0.1, modules=2)
         )
 
     def _noted(self, answer: Any) -> Callable[..., Any]:

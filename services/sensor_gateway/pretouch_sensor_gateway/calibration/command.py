@@ -25,13 +25,24 @@ from pretouch_sensor_gateway.calibration.session import Plan, Session
 from pretouch_sensor_gateway.calibration.subject import Subject
 from pretouch_sensor_gateway.calibration.table import remarks, table
 
+_DEFAULT_GATEWAY = "127.0.0.1:50053"
 _INTERRUPTED = 130
 _LEAST_AFTER_INTERRUPTION = 2
 
 
 def calibrate(
-    gateway: Annotated[str, typer.Option(help="host:port of a running gateway.")] = "127.0.0.1:50053",
+    gateway: Annotated[
+        str | None, typer.Option(help="host:port of a running gateway.", show_default=_DEFAULT_GATEWAY)
+    ] = None,
     device: Annotated[str, typer.Option(help="The device's name.", show_default="the only one")] = "",
+    port: Annotated[
+        str | None,
+        typer.Option(help="Read a device without a running gateway: its path, usb:VID:PID or socket://host:port."),
+    ] = None,
+    wire_format: Annotated[
+        str, typer.Option("--format", help="With --port: the device's wire format; auto recognises it.")
+    ] = "auto",
+    baud: Annotated[int, typer.Option(help="With --port: bits a second of a real UART.")] = 115_200,
     distances: Annotated[
         str, typer.Option(help="Distances of the plate from the finger's reference, mm, in the order of measuring.")
     ] = "15,20,30,40,50,60,80,100",
@@ -57,16 +68,30 @@ def calibrate(
 ) -> None:
     """Calibrate a finger's modules with a plate at known distances."""
     plan = Plan(_distances(distances), samples, warm_up)
-    with open_sync_channel(gateway, token, tls_ca, tls_cert, tls_key) as channel:
-        calibrate_through(SensorGatewayServiceStub(channel), device, plan, out, report, apply)
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # gRPC's own messages would land amid the prompts
+    if port is None:
+        with open_sync_channel(gateway or _DEFAULT_GATEWAY, token, tls_ca, tls_cert, tls_key) as channel:
+            calibrate_through(SensorGatewayServiceStub(channel), device, plan, out, report, apply)
+        return
+    if gateway is not None or device or apply:
+        raise InvalidInput(
+            "--port reads a device without a running gateway.", "Leave out --gateway, --device and --apply."
+        )
+    from pretouch_sensor_gateway.local import local_gateway
+
+    with local_gateway(port, wire_format, baud) as address, open_sync_channel(address) as channel:
+        calibrate_through(SensorGatewayServiceStub(channel), device, plan, out, report, apply, port)
 
 
-def calibrate_through(stub: Any, device: str, plan: Plan, out: Path, report: Path, apply: bool) -> None:
+def calibrate_through(
+    stub: Any, device: str, plan: Plan, out: Path, report: Path, apply: bool, port: str | None = None
+) -> None:
     """All of the command but the connection.
 
     Args:
         stub: a `SensorGatewayServiceStub` on a synchronous channel.
         device, plan, out, report, apply: as the options of `calibrate`.
+        port: where the device is, if the gateway ends with the command.
 
     Raises:
         PretouchError: before anything is measured, if it could come to nothing: no matplotlib or scipy, no place for
@@ -106,11 +131,14 @@ def calibrate_through(stub: Any, device: str, plan: Plan, out: Path, report: Pat
     console.print(f"Drew {report}.", markup=False, soft_wrap=True)
     if apply:
         subject.apply(calibration)
-        console.print(f"The gateway uses it for {subject.name} until it ends. To keep it, configure it.", markup=False)
-
+        console.print(f"The gateway uses it for {subject.name} until it ends. To keep it, configure:", markup=False)
+    elif port is None:
+        console.print(
+            "The gateway does not use it yet; its call Configure (here: --apply) needs no restart. Configure:"
+        )
     else:
-        console.print("To use it, configure the gateway; its call Configure (here: --apply) needs no restart.")
-    console.print(f"\n{_configuration(subject.name, out)}", markup=False, soft_wrap=True)
+        console.print("To use it, configure a gateway:")
+    console.print(f"\n{_configuration(subject.name, out, port)}", markup=False, soft_wrap=True)
 
 
 def _fitting() -> tuple[Callable[..., ModuleFit], Callable[..., None]]:
@@ -147,7 +175,8 @@ def _check_writable(path: Path) -> None:
         raise InvalidInput(f"{path} cannot be written.", f"Make the folder {folder}, or name another place.")
 
 
-def _configuration(device: str, path: Path) -> str:
+def _configuration(device: str, path: Path, port: str | None) -> str:
     """What the gateway's TOML file says to use the calibration."""
     key = device if re.fullmatch(r"[A-Za-z0-9_-]+", device) else json.dumps(device)
-    return f"[devices.{key}]\ncalibration = {json.dumps(str(path.resolve()))}"
+    address = "" if port is None else f"address = {json.dumps(port)}\n"
+    return f"[devices.{key}]\n{address}calibration = {json.dumps(str(path.resolve()))}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +21,9 @@ from pretouch_sensor_gateway.wire_formats.received import OK
 
 _TIMEOUT = 10.0
 """s for one answer; what a stream needs beyond three times its expected length."""
+_PATIENCE = 2.0
+"""s until a device streams and has told who it is: a gateway that starts with this command needs a moment."""
+_POLL = 0.1
 _SLOWEST = 5.0
 """Measurements per second of a device that does not say how fast it is."""
 
@@ -50,18 +54,33 @@ class Subject:
 
     def __init__(self, stub: Any, device: str) -> None:
         self._stub = stub
-        try:
-            status = answer(lambda: stub.GetStatus(pb.GetStatusRequest(device=device), timeout=_TIMEOUT))
-        except grpc.RpcError as error:
-            raise from_rpc_error(error) from error
+        status = self._known(device)
         self.name: str = status.device.name
         self.serial: str = status.identity.serial
         self._rate = status.rate or (1 / status.identity.period if status.identity.period > 0 else _SLOWEST)
-        if status.device.state != pb.DEVICE_STATE_STREAMING:
-            problem = f": {status.device.problem}" if status.device.problem else "."
-            raise Unavailable(
-                f"The device {self.name} sends no ranges{problem}", "Check its cable and power; ListDevices tells more."
-            )
+
+    def _known(self, device: str) -> pb.GetStatusResponse:
+        """The device's status once it streams and, if it is one that does, has told who it is."""
+        end = time.monotonic() + _PATIENCE
+        request = pb.GetStatusRequest(device=device)
+        while True:
+            try:
+                status: pb.GetStatusResponse = answer(lambda: self._stub.GetStatus(request, timeout=_TIMEOUT))
+            except grpc.RpcError as error:
+                raise from_rpc_error(error) from error
+            streams = status.device.state == pb.DEVICE_STATE_STREAMING
+            if streams and status.identity.modules:
+                return status
+            if time.monotonic() > end:
+                break
+            time.sleep(_POLL)
+        if streams:
+            return status
+        problem = f": {status.device.problem}" if status.device.problem else "."
+        raise Unavailable(
+            f"The device {status.device.name} sends no ranges{problem}",
+            "Check its cable and power; ListDevices tells more.",
+        )
 
     def frames(self, count: int, told: Callable[[int], None]) -> Frames:
         """The next `count` measurements; `told` hears how many there are so far.
