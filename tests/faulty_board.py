@@ -11,8 +11,8 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pretouch_sensor_gateway.wire_formats.binary import END, FrameDecoder, encode
@@ -77,6 +77,7 @@ class Board:
         self._started = self._stamp = time.monotonic()
         self._decoder = FrameDecoder()
         self._waiting = bytearray()  # for the line
+        self._gathers = False
         self._written = asyncio.Event()
         self._pty: Pty | None = None
         if plugged:
@@ -103,6 +104,10 @@ class Board:
         self._started = self._stamp = time.monotonic()
         self.write(END)
         self._say(self._identity())
+
+    def clock_leaps(self, ticks: int) -> None:
+        """Its clock shows so many microseconds more than it should."""
+        self._first_tick += ticks
 
     def measure(self, count: int = 1, *, heard: bool = True) -> None:
         """As many measurements, evenly over the time since the last one; `heard` tells whether it sends them."""
@@ -135,6 +140,15 @@ class Board:
         data = self.damage(data)
         self.line += data
         self._waiting += data
+        if not self._gathers:
+            self._push()
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """All that it writes within the block comes onto the line in one piece, at the end."""
+        self._gathers = True
+        yield
+        self._gathers = False
         self._push()
 
     async def written(self) -> None:

@@ -27,20 +27,21 @@ _POLL = 0.01
 
 
 class Gateway:
-    """A client of a gateway with one device.
+    """A client of a gateway, and of one of its devices.
 
     Attributes:
         port: of gRPC.
         log: what the gateway logged, where it runs in this process.
     """
 
-    def __init__(self, port: int, stub: Any, log: list[MutableMapping[str, Any]]) -> None:
+    def __init__(self, port: int, stub: Any, log: list[MutableMapping[str, Any]], device: str = "") -> None:
         self.port = port
         self.stub = stub
         self.log = log
+        self._device = device
 
     async def status(self) -> pb.GetStatusResponse:
-        answer: pb.GetStatusResponse = await self.stub.GetStatus(pb.GetStatusRequest())
+        answer: pb.GetStatusResponse = await self.stub.GetStatus(pb.GetStatusRequest(device=self._device))
         return answer
 
     async def until(self, wanted: Callable[[pb.GetStatusResponse], bool]) -> pb.GetStatusResponse:
@@ -56,7 +57,7 @@ class Gateway:
     @asynccontextmanager
     async def listening(self) -> AsyncIterator[Listener]:
         """A subscriber that misses nothing from now on."""
-        stream = self.stub.StreamRanges(pb.StreamRangesRequest())
+        stream = self.stub.StreamRanges(pb.StreamRangesRequest(device=self._device))
         await stream.wait_for_connection()
         async with Listener(stream) as listener:
             yield listener
@@ -66,25 +67,27 @@ class Gateway:
 
 
 @asynccontextmanager
-async def gateway(port: Path | GatewaySetting) -> AsyncIterator[Gateway]:
-    """A gateway in this process, with one device on `port`; no defect may show in its log in the end."""
+async def gateway(port: Path | GatewaySetting, device: str = "") -> AsyncIterator[Gateway]:
+    """A gateway in this process, with one device on `port` or a whole setting; its log may tell of no defect."""
     setting = port if isinstance(port, GatewaySetting) else GatewaySetting((DeviceSetting("finger", str(port)),))
     with structlog.testing.capture_logs() as log:
         async with (
             asyncio.timeout(TIMEOUT),
             started("gateway", partial(serving, setting=setting), Settings(grace=1.0)) as service,
-            client(service.port, log) as clients,
+            client(service.port, log, device) as clients,
         ):
             yield clients
     assert not [entry for entry in log if entry["log_level"] in ("error", "critical")]
 
 
 @asynccontextmanager
-async def client(port: int, log: list[MutableMapping[str, Any]] | None = None) -> AsyncIterator[Gateway]:
+async def client(
+    port: int, log: list[MutableMapping[str, Any]] | None = None, device: str = ""
+) -> AsyncIterator[Gateway]:
     """A client of the gateway on that port of gRPC, once it is connected."""
     async with open_channel(f"127.0.0.1:{port}") as channel:
         await channel.channel_ready()
-        yield Gateway(port, SensorGatewayServiceStub(channel), [] if log is None else log)
+        yield Gateway(port, SensorGatewayServiceStub(channel), [] if log is None else log, device)
 
 
 @asynccontextmanager

@@ -11,6 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 from grpc.aio import AioRpcError
+from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import array_from_proto
@@ -96,8 +97,9 @@ class Account:
                 continue
             last = int(array_from_proto(before.batch.sequence, "sequence")[-1])
             sequence = array_from_proto(after.batch.sequence, "sequence").astype(np.int64)
-            assert (np.diff(sequence, prepend=last) > 0).all()
-            assert sequence[-1] - last == len(sequence) + after.batch.lost + after.overrun
+            steps = np.diff(sequence, prepend=last) % COUNTER_MODULUS
+            assert ((steps > 0) & (steps < COUNTER_MODULUS // 2)).all()
+            assert steps.sum() == len(sequence) + after.batch.lost + after.overrun
 
 
 class Listener(Account):

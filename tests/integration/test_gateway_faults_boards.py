@@ -10,7 +10,7 @@ from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibra
 from pretouch_sensor_gateway.configuration import VARIABLE, GatewaySetting, gateway_from
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from tests.faulty_board import FIRST_SERIAL, OTHER_SERIAL, Board
+from tests.faulty_board import FIRST_SERIAL, OTHER_SERIAL, PAUSE, Board
 from tests.faulty_gateway import gateway, unix_offset
 
 LONG_AGO = 100_000
@@ -53,6 +53,39 @@ async def test_another_board_on_the_same_port_is_an_epoch_of_its_own(tmp_path: P
         2
     ] * sum(batch.epoch == 1 for batch in listener.batches)
     listener.check_frames({0: 7, 1: 99, 2: 7}, first.times | other.times, unix_offset())
+
+
+async def test_boards_of_other_formats_take_turns_on_one_port(tmp_path: Path) -> None:
+    port = tmp_path / "finger"
+    binary = Board(port, sequence=LONG_AGO)
+    text = Board(port, plugged=False)
+    async with gateway(port) as clients, clients.listening() as listener:
+        await clients.opened()
+        await binary.bursts(6)
+        await listener.until(lambda: listener.got == 30)
+        binary.unplug()
+        text.plug()
+        await clients.opened(2)
+        for count in range(31):
+            text.write(b"%d %d\r\n" % (30 + count * 7 % 11, 40 + count * 5 % 13))
+            await asyncio.sleep(2 * PAUSE)
+        await listener.until(lambda: listener.told == 60)  # the first line may have been the rest of a longer one
+        there = await clients.status()
+        assert (there.format, there.epoch, there.device.lost_frames) == ("millimetres", 1, 0)
+        assert dict(there.refused) == {"fields": 1}
+        assert listener.lost == there.untimed <= 12
+        text.unplug()
+        binary.skip(500)
+        binary.plug()
+        await clients.opened(3)
+        await binary.bursts(6)
+        await listener.until(lambda: listener.told == 90)
+        back = await clients.until(lambda status: status.HasField("identity"))
+    assert (back.format, back.epoch, back.untimed) == ("binary", 2, there.untimed)
+    assert text.asked == b""
+    assert listener.epochs() == [0, 1, 2]
+    assert listener.sequence(0) + listener.sequence(2) == sorted(number for _, number in binary.times)
+    assert listener.sequence(1) == list(range(30 - there.untimed))
 
 
 def pinned(folder: Path, port: Path, serial: str) -> GatewaySetting:

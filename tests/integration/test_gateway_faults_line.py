@@ -5,20 +5,30 @@ The service, its port and its calls are real; the device end of the port is a bo
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.transport import link
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from tests.faulty_board import Board, whole
+from tests.faulty_board import PAUSE, Board, whole
 from tests.faulty_gateway import gateway, unix_offset
 from tests.virtual_finger import flipped
 
 ONE_BOOT = {0: 1}
 BANNER = b"\r\nOptiboot 8.0 115200\r\n\r\nflash: 0x7e00\r\nPress any key to stop autoboot: 3 2 1 0\r\n"
+
+
+async def in_two(board: Board, data: bytes, cut: int) -> None:
+    """What a read may well take in two."""
+    board.write(data[:cut])
+    await board.written()
+    await asyncio.sleep(PAUSE)
+    board.write(data[cut:])
 
 
 async def test_unplugged_amid_a_frame_and_plugged_in_again_the_stream_goes_on(
@@ -42,10 +52,11 @@ async def test_unplugged_amid_a_frame_and_plugged_in_again_the_stream_goes_on(
             board.plug()
             await clients.opened(1 + outage)
             before = listener.got
+            await in_two(board, board.frame(), cut)
             await board.bursts(4)
-            await listener.until(lambda known=before: listener.got >= known + 20)  # type: ignore[misc]
+            await listener.until(lambda known=before: listener.got >= known + 21)  # type: ignore[misc]
         status = await clients.status()
-    assert listener.told == board.made == 50 + len(cuts) * 41
+    assert listener.told == board.made == 50 + len(cuts) * 42
     assert listener.overrun == 0
     assert len(cuts) * 20 <= listener.lost <= len(cuts) * 21
     assert status.device.lost_frames == listener.lost
@@ -173,6 +184,30 @@ async def test_a_boot_loader_that_speaks_first_hides_no_frame(tmp_path: Path) ->
     assert status.format == "binary"
     assert (listener.got, listener.lost) == (20, 0)
     assert sum(status.refused.values()) == board.damaged > 0
+
+
+async def test_a_device_that_floods_the_gateway_keeps_no_other_from_being_heard(tmp_path: Path) -> None:
+    noise = np.random.default_rng(6).bytes(4096)
+    board = Board(tmp_path / "finger")
+    flood = Board(tmp_path / "flood")
+    setting = GatewaySetting(
+        (DeviceSetting("finger", str(tmp_path / "finger")), DeviceSetting("flood", str(tmp_path / "flood"), "binary"))
+    )
+
+    async def flooding() -> None:
+        while True:
+            flood.write(noise)
+            await flood.written()
+
+    async with gateway(setting, "finger") as clients, clients.listening() as listener:
+        await clients.opened()
+        pouring = asyncio.create_task(flooding())
+        await board.bursts(100)
+        await listener.until(lambda: listener.got == board.made)
+        status = await clients.status()
+        pouring.cancel()
+    assert len(flood.line) > 100 * len(noise)
+    assert (listener.lost, listener.overrun, status.device.bad_frames) == (0, 0, 0)
 
 
 async def test_a_device_that_stalls_is_silent_and_then_goes_on(tmp_path: Path) -> None:

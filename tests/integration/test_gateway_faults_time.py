@@ -17,8 +17,8 @@ from tests.faulty_board import PAUSE, Board
 from tests.faulty_gateway import Gateway, gateway, unix_offset
 
 
-async def test_times_go_on_when_the_device_clock_wraps(tmp_path: Path) -> None:
-    board = Board(tmp_path / "finger", first_tick=2**32 - 1_000_000)
+async def test_times_go_on_when_the_device_clock_and_its_sequence_wrap(tmp_path: Path) -> None:
+    board = Board(tmp_path / "finger", first_tick=2**32 - 1_000_000, sequence=2**32 - 200)
     async with gateway(tmp_path / "finger") as clients, clients.listening() as listener:
         await clients.opened()
         began = time.monotonic()
@@ -28,6 +28,7 @@ async def test_times_go_on_when_the_device_clock_wraps(tmp_path: Path) -> None:
         status = await clients.status()
     assert board.ticks()[0] > 2**32 - 1_000_000
     assert board.ticks()[-1] < 1_000_000
+    assert {2**32 - 1, 0} <= set(listener.sequence())
     assert (listener.got, listener.lost, listener.overrun) == (board.made, 0, 0)
     assert (status.epoch, dict(status.refused)) == (0, {})
     assert (np.diff(list(listener.times().values())) > 0).all()
@@ -87,18 +88,20 @@ async def test_a_device_that_prints_text_is_heard_and_never_spoken_to(tmp_path: 
             printed.append(time.monotonic())
             await board.written()
             await asyncio.sleep(2 * PAUSE)
-        await listener.until(lambda: listener.got == 100)
+        await listener.until(lambda: listener.told == 100)
         status = await clients.until(lambda status: status.rate > 0)
     assert (status.format, len(status.modules)) == ("millimetres", 3)
     assert board.asked == b""
-    assert (listener.lost, listener.overrun, status.untimed, status.epoch) == (0, 0, 0, 0)
+    assert (listener.overrun, status.device.lost_frames, status.epoch) == (0, 0, 0)
     assert dict(status.refused) == {"fields": 1}  # the first line may have been the rest of a longer one
-    assert listener.sequence() == list(range(100))
+    assert listener.lost == status.untimed <= 12  # those by which the format was recognised
+    assert listener.sequence() == list(range(listener.got))
+    first = 1 + listener.lost
     told = [np.frombuffer(batch.raw.data, "<f8").reshape(-1, 3) for batch in listener.batches]
-    np.testing.assert_allclose(np.concatenate(told), spoken[1:] * 1e-3)
+    np.testing.assert_allclose(np.concatenate(told), spoken[first:] * 1e-3)
     intervals = np.diff(printed)
     std = listener.batches[-1].time_std
     assert 0.9 * np.median(intervals) / math.sqrt(12) < std < 2 * intervals.max()
     offset = unix_offset()
-    for number, t in list(listener.times().items())[12:]:  # those before came all at once
-        assert abs(t - (printed[1 + number] + offset)) < 5 * std + np.median(intervals)
+    for t, at in zip(listener.times().values(), printed[first:], strict=True):
+        assert abs(t - (at + offset)) < 5 * std + np.median(intervals)
