@@ -1,0 +1,42 @@
+"""From the clock that never steps to the one that people read."""
+
+from __future__ import annotations
+
+JUMP = 0.05
+"""Seconds by which the Unix clock must be off what is expected to have jumped. A busy host reads its two clocks
+milliseconds apart."""
+SLEW = 500e-6
+"""Seconds a second by which NTP may speed up or slow down the Unix clock without a jump (adjtime, Mills, 2006)."""
+
+
+class WallClock:
+    """Follows how far Unix time is from `time.monotonic`. After a jump new times are as the Unix clock tells them now.
+
+    Attributes:
+        jumps: how often the Unix clock was seen to jump. A host that slept counts too: its monotonic clock stood still.
+    """
+
+    def __init__(self) -> None:
+        self.jumps = 0
+        self._last: tuple[float, float] | None = None
+
+    def observe(self, monotonic: float, unix: float) -> bool:
+        """Both clocks, s, read at the same moment. Whether the Unix clock jumped since they were last read."""
+        offset = unix - monotonic
+        jumped = False
+        if self._last is not None:
+            at, before = self._last
+            jumped = abs(offset - before) > JUMP + SLEW * abs(monotonic - at)
+        self.jumps += jumped
+        self._last = (monotonic, offset)
+        return jumped
+
+    def unix(self, monotonic: float) -> float:
+        """Seconds since the Unix epoch at `monotonic`, s.
+
+        Raises:
+            RuntimeError: nothing was observed yet, a fault of the caller.
+        """
+        if self._last is None:
+            raise RuntimeError("The wall clock was asked for a time before it observed one.")
+        return monotonic + self._last[1]
