@@ -118,3 +118,14 @@ def test_a_gateway_that_sends_nonsense_is_refused(batch: pb.RangeBatch, said: st
     with pytest.raises(InvalidInput, match=re.escape(said)):
         Subject(stub, "").frames(60, lambda count: None)
     assert stub.call.cancelled
+
+
+def test_modules_that_come_or_go_amid_a_distance_are_noticed() -> None:
+    stub = Stub()
+    batches = [
+        pb.RangeBatch(raw=array_to_proto(np.zeros((4, k)), "f8"), status=array_to_proto(np.zeros((4, k)), "u1"))
+        for k in (2, 1)
+    ]
+    stub.call._responses = iter([pb.StreamRangesResponse(batch=batch) for batch in batches])
+    with pytest.raises(Unavailable, match="1 modules now, 2 before"):
+        Subject(stub, "").frames(60, lambda count: None)

@@ -8,14 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array
 from pretouch_sensor_gateway.calibration.motion import motion
-from pretouch_sensor_gateway.calibration.readings import returns, spread
+from pretouch_sensor_gateway.calibration.readings import cleaned, returns, spread, step_of
 from pretouch_sensor_gateway.calibration.subject import Frames
 
 
@@ -132,20 +131,21 @@ class Session:
             self._say("No module saw the plate; this distance can be repeated, or skipped.")
             return False
         doubts = [
-            f"module {k}: {doubt}"
+            f"Module {k}: {doubt}"
             for k, column in enumerate(columns)
             if len(column) and (doubt := motion(column, self._elsewhere(distance, k)))
         ]
         if doubts:
             stds = [spread(column) if len(column) else 0.0 for column in columns]
             self._refused.setdefault(distance, []).append(stds)
-            self._say(
-                f"Not taken, was the plate moved? {_capital('; '.join(doubts))}. Hold it still and repeat; noise that "
-                "is as large again is then taken for the module's own."
-            )
+            more = f", and {len(doubts) - 2} modules more" if len(doubts) > 2 else ""
+            own = " Noise as large again is then taken for the module's own." if "noise" in "".join(doubts) else ""
+            said = "; ".join(doubts[:2]) + more
+            self._say(f"Not taken, was the plate moved? {said}. Hold it still and repeat, or skip.{own}")
             return False
         self.readings[distance] = frames.raw
-        means = ", ".join(f"{1000 * np.median(column):.1f}" if len(column) else "-" for column in columns)
+        points = [cleaned(distance, column, step_of([column])) if len(column) else None for column in columns]
+        means = ", ".join(f"{1000 * point.mean:.1f}" if point else "-" for point in points)
         self._say(f"{_mm(distance)}: the modules read {means} mm.")
         if silent:
             self._say(f"Without enough returns, and left out at {_mm(distance)}: module {', '.join(silent)}.")
@@ -169,7 +169,3 @@ def _question(distance: float | None) -> str:
 
 def _mm(distance: float) -> str:
     return f"{1000 * distance:g} mm"
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

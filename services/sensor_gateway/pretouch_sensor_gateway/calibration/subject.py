@@ -104,6 +104,11 @@ class Subject:
                             f"The gateway sent {list(raw.shape)} readings and {list(status.shape)} status codes.",
                             "Use a gateway of this version of pretouch.",
                         )
+                    if parts and raw.shape[1] != parts[0].shape[1]:
+                        raise Unavailable(
+                            f"The device has {raw.shape[1]} modules now, {parts[0].shape[1]} before.",
+                            "Check that no other one was plugged in.",
+                        )
                     parts.append(np.where(status == OK, raw, np.nan))
                     got += len(raw)
                     told(min(got, count))
