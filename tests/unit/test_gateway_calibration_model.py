@@ -124,17 +124,6 @@ def test_a_calibration_that_cannot_be_is_refused(changed: dict[str, Any]) -> Non
         Calibration(**changed)
 
 
-def test_a_calibration_fits_its_own_board_only() -> None:
-    calibration = Calibration("0A0B", 0.0, (UNCALIBRATED,) * 3)
-    calibration.check(3)
-    calibration.check(3, "0a0B")
-    Calibration("", 0.0, (UNCALIBRATED,) * 3).check(3, "0c")
-    with pytest.raises(InvalidInput, match="2 modules, its calibration 3"):
-        calibration.check(2)
-    with pytest.raises(InvalidInput, match="The board is 0c0d"):
-        calibration.check(3, "0C0D")
-
-
 @given(CALIBRATIONS)
 def test_a_calibration_crosses_the_wire_unchanged(calibration: Calibration) -> None:
     message = pb.Calibration.FromString(calibration_to_proto(calibration).SerializeToString())

@@ -157,23 +157,6 @@ class Calibration:
         }.items():
             object.__setattr__(self, name, value)
 
-    def check(self, modules: int, serial: str = "") -> None:
-        """Whether this is a calibration of a device with so many modules and, where both are known, of this board.
-
-        Raises:
-            InvalidInput: it is not.
-        """
-        if modules != len(self.modules):
-            raise InvalidInput(
-                f"The device has {modules} modules, its calibration {len(self.modules)}.",
-                "Calibrate this device: pretouch gateway calibrate.",
-            )
-        if self.serial and serial and serial.lower() != self.serial:
-            raise InvalidInput(
-                f"The board is {serial.lower()}, its calibration was made with {self.serial}.",
-                "Use this board's own calibration, or calibrate it: pretouch gateway calibrate.",
-            )
-
     def distance(self, raw: Array) -> Array:
         """Readings (f, k) of the k modules to distances (f, k), both m; see `ModuleCalibration.distance`."""
         offset, per_scale, four_crosstalk, _, _ = self._columns
