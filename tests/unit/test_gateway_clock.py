@@ -1,15 +1,17 @@
-"""Device time becomes host time: through drift, wraps, uneven delays and restarts."""
+"""Device ticks lose their wraps, and the Unix clock's jumps are noticed."""
 
 from __future__ import annotations
 
 import random
 
 import pytest
+from clock_devices import START, WRAP, Oscillator
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.clock import MAX_DRIFT, DeviceClock, signed_difference
+from pretouch_sensor_gateway.clock.ticks import MAX_JUMP, TickCounter, signed_difference
+from pretouch_sensor_gateway.clock.wall_clock import WallClock
 
-WRAP = 2**32
+MILLIS_WRAP = 2**32 * 1000
 
 
 @given(st.integers(0, WRAP - 1), st.integers(-(2**31), 2**31 - 1))
@@ -17,71 +19,116 @@ def test_differences_of_wrapping_counters(old: int, step: int) -> None:
     assert signed_difference((old + step) % WRAP, old) == step
 
 
+@given(st.integers(2, 2**40), st.integers(0, 2**41), st.integers(0, 2**41))
+def test_a_difference_is_the_nearest_for_any_modulus(modulus: int, new: int, old: int) -> None:
+    difference = signed_difference(new, old, modulus)
+    assert (old + difference - new) % modulus == 0
+    assert abs(difference) <= modulus // 2 + 1
+
+
 @given(
-    first=st.integers(0, WRAP - 1),
-    drift=st.floats(-5e-5, 5e-5),
+    first=st.integers(0, MILLIS_WRAP - 1),
+    modulus=st.sampled_from([2**32, MILLIS_WRAP, 65_536_000]),
+    steps=st.lists(st.floats(1e-3, 20.0), min_size=1, max_size=60),
     seed=st.integers(0, 1000),
-    step=st.sampled_from([0.02, 1.0, 40.0]),
 )
-@settings(max_examples=40)
-def test_samples_get_their_host_time_through_wraps_and_drift(first: int, drift: float, seed: int, step: float) -> None:
+@settings(max_examples=60)
+def test_seconds_go_on_through_wraps(first: int, modulus: int, steps: list[float], seed: int) -> None:
     rng = random.Random(seed)
-
-    def micros(host: float) -> int:
-        return (first + round((host - 1000.0) * 1e6 * (1 + drift))) % WRAP
-
-    clock = DeviceClock()
-    host = 1000.0
-    for k in range(400):  # 4.4 hours at the longest step: 4 wraps
-        host += step
-        there, back = rng.uniform(0, 0.004), rng.expovariate(100)
-        if k % 10 == 0:
-            sent, received = host - there, host + back
-            assert clock.follows(micros(host), received)
-            clock.answered(sent, received, clock.unwrap(micros(host), received))
-            continue
-        arrival = host + back
-        assert clock.follows(micros(host), arrival)
-        found = clock.host_time(clock.unwrap(micros(host), arrival))
-        assert found is not None
-        # the last ping alone is good to its half round trip plus the drift since; a better one may only improve on it
-        bound = (received - sent) / 2 + MAX_DRIFT * (arrival - sent) + 2e-6
-        assert abs(found - host) <= bound
-    assert clock.epoch == 0
+    counter = TickCounter(modulus)
+    elapsed, start = 0, first % modulus
+    began = counter.unwrap(start, 0.0)
+    for step in steps:
+        elapsed += round(step * 1e6)
+        micros, arrival = (start + elapsed) % modulus, elapsed * 1e-6 + rng.uniform(0, 0.1)
+        assert counter.follows(micros, arrival)
+        assert counter.unwrap(micros, arrival) - began == pytest.approx(elapsed * 1e-6, abs=1e-6)
 
 
-def test_the_quickest_recent_ping_counts() -> None:
-    clock = DeviceClock()
-    clock.unwrap(0, 99.9)
-    clock.answered(100.0, 100.001, 0.1)  # round trip 1 ms: the device's 0.1 s is 100.0005
-    clock.answered(101.0, 101.2, 1.15)  # a slow one, which alone would say 49.5 ms otherwise
-    assert clock.host_time(0.1) == pytest.approx(100.0005)
-    clock.answered(140.0, 140.006, 40.1)  # after 40 s the old one may have drifted 4 ms: now this one counts
-    assert clock.host_time(40.1) == pytest.approx(140.003)
-
-
-def test_no_host_time_before_the_first_answer() -> None:
-    clock = DeviceClock()
-    assert not clock.synchronised
-    assert clock.host_time(clock.unwrap(5, 1.0)) is None
-
-
-def test_a_restart_does_not_follow_and_voids_what_was_known() -> None:
-    clock = DeviceClock()
-    device = clock.unwrap(3_000_000_000, 50.0)
-    clock.answered(50.0, 50.001, device)
-    assert clock.follows(3_001_000_000, 51.0)
-    assert not clock.follows(20_000, 51.0)
-    clock.restart()
-    assert clock.epoch == 1
-    assert not clock.synchronised
-    assert clock.follows(20_000, 51.0)
+@pytest.mark.parametrize("drift", [50e-6, 5e-3])
+def test_a_month_of_wraps_is_counted(drift: float) -> None:
+    device = Oscillator(drift)
+    counter = TickCounter(WRAP)
+    began = counter.unwrap(device.micros(START), START)
+    month = 30 * 86400
+    for age in range(60, month + 1, 60):
+        micros = device.micros(START + age)
+        assert counter.follows(micros, START + age)
+        seconds = counter.unwrap(micros, START + age) - began
+    assert seconds == pytest.approx(month * (1 + drift), abs=2e-6)
 
 
 def test_a_wrap_during_a_long_silence_is_no_restart() -> None:
-    clock = DeviceClock()
-    before = clock.unwrap(WRAP - 1_000_000, 0.0)
+    counter = TickCounter(WRAP)
+    before = counter.unwrap(WRAP - 1_000_000, 0.0)
     silence = 2.5 * WRAP * 1e-6
     micros = (WRAP - 1_000_000 + round(silence * 1e6)) % WRAP
-    assert clock.follows(micros, silence)
-    assert clock.unwrap(micros, silence) - before == pytest.approx(silence)
+    assert counter.follows(micros, silence)
+    assert counter.unwrap(micros, silence) - before == pytest.approx(silence)
+
+
+@given(st.integers(0, WRAP - 1), st.floats(-60.0, 60.0))
+def test_a_time_that_is_seconds_from_what_is_foretold_does_not_follow(first: int, jump: float) -> None:
+    counter = TickCounter(WRAP)
+    counter.unwrap(first, 100.0)
+    micros = (first + round((1.0 + jump) * 1e6)) % WRAP
+    if abs(abs(jump) - MAX_JUMP) > 1e-5:
+        assert counter.follows(micros, 101.0) == (abs(jump) < MAX_JUMP)
+    counter.restart()
+    assert counter.follows(micros, 101.0)
+    assert counter.unwrap(micros, 101.0) == pytest.approx(micros * 1e-6)
+
+
+def test_asking_whether_a_time_follows_changes_nothing() -> None:
+    counter = TickCounter(WRAP)
+    counter.unwrap(WRAP - 10, 0.0)
+    assert not counter.follows(2**31, 0.1)
+    assert counter.follows(99_990, 0.1)
+    assert counter.unwrap(99_990, 0.1) == pytest.approx((WRAP + 99_990) * 1e-6)
+
+
+def test_the_unix_clock_is_followed() -> None:
+    clock = WallClock()
+    assert not clock.observe(10.0, 1_700_000_000.0)
+    assert clock.unix(9.5) == pytest.approx(1_699_999_999.5)
+    assert not clock.observe(20.0, 1_700_000_010.001)
+    assert clock.unix(20.0) == pytest.approx(1_700_000_010.001)
+    assert clock.jumps == 0
+
+
+def test_slewing_is_no_jump() -> None:
+    clock = WallClock()
+    for second in range(0, 7200, 10):  # by NTP's fastest it gains 3.6 s
+        assert not clock.observe(float(second), 1e9 + second * (1 + 500e-6))
+    assert clock.jumps == 0
+    assert clock.unix(7190.0) == pytest.approx(1e9 + 7190 * (1 + 500e-6))
+
+
+def test_a_long_time_between_two_looks_allows_for_slewing() -> None:
+    clock = WallClock()
+    clock.observe(0.0, 1e9)
+    assert not clock.observe(3600.0, 1e9 + 3601.8)
+    assert clock.observe(3601.0, 1e9 + 3604.6)
+
+
+@pytest.mark.parametrize("jump", [-3600.0, -0.06, 0.06, 3600.0])
+def test_a_jump_is_noticed_once_and_followed(jump: float) -> None:
+    clock = WallClock()
+    clock.observe(10.0, 1e9)
+    assert clock.observe(10.1, 1e9 + 0.1 + jump)
+    assert clock.jumps == 1
+    assert clock.unix(10.1) == pytest.approx(1e9 + 0.1 + jump)
+    assert not clock.observe(10.2, 1e9 + 0.2 + jump)
+    assert clock.jumps == 1
+
+
+def test_a_busy_host_that_reads_its_clocks_apart_has_not_jumped() -> None:
+    clock = WallClock()
+    rng = random.Random(0)
+    for k in range(100):
+        assert not clock.observe(k * 0.03, 1e9 + k * 0.03 + rng.uniform(0, 0.02))
+
+
+def test_no_unix_time_before_one_was_observed() -> None:
+    with pytest.raises(RuntimeError, match="before it observed one"):
+        WallClock().unix(1.0)
