@@ -12,6 +12,7 @@ from typing import Any
 
 import grpc.aio
 import structlog.testing
+from faulty_listener import Listener
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.service import serving
 
@@ -19,7 +20,6 @@ from pretouch.channel import open_channel
 from pretouch.serving import Settings, started
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
-from tests.faulty_listener import Listener
 
 TIMEOUT = 60.0
 """Seconds of a whole conversation: only a hang takes so long."""

@@ -10,12 +10,12 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+from faulty_board import metres
 from grpc.aio import AioRpcError
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import array_from_proto
-from tests.faulty_board import metres
 
 _RANGE_STEP = 0.51e-4  # m: half a step on the wire, and a little
 _LATE = 0.002

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+from faulty_board import FIRST_SERIAL, OTHER_SERIAL, PAUSE, Board
+from faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.calibration import file
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
 from pretouch_sensor_gateway.configuration import VARIABLE, GatewaySetting, gateway_from
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from tests.faulty_board import FIRST_SERIAL, OTHER_SERIAL, PAUSE, Board
-from tests.faulty_gateway import gateway, unix_offset
 
 LONG_AGO = 100_000
 """Measurements of a board that has run for minutes."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from faulty_board import OTHER_SERIAL, Board
+from faulty_gateway import gateway, unix_offset
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from tests.faulty_board import OTHER_SERIAL, Board
-from tests.faulty_gateway import gateway, unix_offset
 
 
 @pytest.mark.xfail(strict=True, reason="not yet told apart")

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faulty_board import PAUSE, Board, whole
+from faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.transport import link
+from virtual_finger import flipped
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from tests.faulty_board import PAUSE, Board, whole
-from tests.faulty_gateway import gateway, unix_offset
-from tests.virtual_finger import flipped
 
 ONE_BOOT = {0: 1}
 BANNER = b"\r\nOptiboot 8.0 115200\r\n\r\nflash: 0x7e00\r\nPress any key to stop autoboot: 3 2 1 0\r\n"

@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from faulty_board import Board
+from faulty_gateway import Gateway, gateway, unix_offset
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from tests.faulty_board import Board
-from tests.faulty_gateway import Gateway, gateway, unix_offset
 
 HOLDER = """
 import sys, serial

@@ -10,14 +10,14 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import grpc
+from faulty_board import Board
+from faulty_gateway import TIMEOUT, Gateway, client, small_window
+from gateway_recordings import files_in, sequence_in
 from pretouch_sensor_gateway.configuration import VARIABLE
 from pretouch_sensor_gateway.recording.reader import RecordingReader
+from processes import Service, free_port
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from tests.faulty_board import Board
-from tests.faulty_gateway import TIMEOUT, Gateway, client, small_window
-from tests.gateway_recordings import files_in, sequence_in
-from tests.processes import Service, free_port
 
 WAITING = 200
 """Frames that may wait for the disk at any moment, at most: a fifth of a second."""

@@ -7,13 +7,13 @@ import os
 from pathlib import Path
 
 import numpy as np
+from faulty_board import Board
+from faulty_gateway import Gateway, client, gateway, small_window, unix_offset
+from faulty_listener import Account, Listener
+from links import eventually
 from pretouch_sensor_gateway.subscription import QUEUE_FRAMES
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from tests.faulty_board import Board
-from tests.faulty_gateway import Gateway, client, gateway, small_window, unix_offset
-from tests.faulty_listener import Account, Listener
-from tests.links import eventually
 
 MODULES = 64
 """Frames are as large as can be, so that the windows of gRPC fill soon."""

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faulty_board import PAUSE, Board
+from faulty_gateway import Gateway, gateway, unix_offset
 
 from pretouch.geometry import Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import pose_to_proto, samples_from_proto
-from tests.faulty_board import PAUSE, Board
-from tests.faulty_gateway import Gateway, gateway, unix_offset
 
 
 async def test_times_go_on_when_the_device_clock_and_its_sequence_wrap(tmp_path: Path) -> None:
