@@ -13,15 +13,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-from pretouch_sensor_gateway.assembler import Assembler, Timed
+from pretouch_sensor_gateway.assembler import Assembler
 from pretouch_sensor_gateway.batch import Batch
 from pretouch_sensor_gateway.calibration.model import Calibration
-from pretouch_sensor_gateway.clock.arrival_clock import ArrivalClock
-from pretouch_sensor_gateway.clock.ping_clock import HostTime, PingClock
-from pretouch_sensor_gateway.clock.wall_clock import WallClock
 from pretouch_sensor_gateway.epoch import Epoch
 from pretouch_sensor_gateway.handshake import Handshake
 from pretouch_sensor_gateway.source import ClockState
+from pretouch_sensor_gateway.timing import Heard, Timing
 from pretouch_sensor_gateway.wire_formats.binary import END, encode
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
 from pretouch_sensor_gateway.wire_formats.received import (
@@ -49,17 +47,6 @@ class _Rival:
     transmission: float
 
 
-@dataclass(frozen=True)
-class _Heard:
-    """A measurement in its epoch: sequence, time on the device's clock if it tells one, arrival and transmission, s."""
-
-    measurement: Measurement
-    sequence: int
-    device: float | None
-    arrival: float
-    transmission: float
-
-
 class Intake:
     """One device's bytes in their order. Host times are seconds of `time.monotonic`, which the caller tells.
 
@@ -72,7 +59,6 @@ class Intake:
         frames: measurements given in batches so far. Another good one is held, `untimed`, or refused as foreign.
         lost: measurements missing by sequence so far.
         untimed: good measurements given up because the device's clock was not known.
-        refused: frames or lines refused after the wire format let them pass, by reason.
         epoch: how often the device was seen to start anew.
         last_good: when the last good measurement came, s.
     """
@@ -85,17 +71,14 @@ class Intake:
         self._byte_time = byte_time
         self._assembler = Assembler(calibration)
         self._handshake = Handshake()
-        self._clock = PingClock()
-        self._arrivals = ArrivalClock()
-        self._wall = WallClock()
+        self._timing = Timing()
         self._current: Epoch | None = None
         self._spoken = wire_format.name
         self._began = 0.0
         self._rival: _Rival | None = None
-        self._held: deque[_Heard] = deque()
+        self._held: deque[Heard] = deque()
         self._untold = 0  # lost, and not yet told in a batch
         self._undescribed = 0  # modules of the last measurement, if the calibration is of another number
-        self._time_std = float("nan")
 
     @property
     def refused(self) -> Counter[Refusal]:
@@ -115,14 +98,12 @@ class Intake:
     def synchronised(self) -> bool:
         """Whether measurements can be given a time."""
         if self._format.two_way:
-            return self._clock.synchronised
+            return self._timing.answers
         return self._format.name != "" and self._current is not None
 
     @property
     def clock(self) -> ClockState:
-        return ClockState(
-            self.synchronised, self._clock.drift, self._time_std, self._clock.round_trip, self._wall.jumps
-        )
+        return self._timing.state(self.synchronised)
 
     @property
     def next_send(self) -> float:
@@ -151,7 +132,7 @@ class Intake:
 
     def received(self, data: bytes, at: float, unix: float) -> list[Batch]:
         """Bytes of the device, read at host time `at`, s, which was `unix` s since the Unix epoch."""
-        self._wall.observe(at, unix)
+        self._timing.observe(at, unix)
         transmission = len(data) * self._byte_time
         for message in self._heard(data):
             match message:
@@ -222,8 +203,7 @@ class Intake:
         self._held.clear()
         self._current = Epoch(self._format.tick_modulus, boot)
         self._began = at
-        self._clock.restart()
-        self._arrivals.restart()
+        self._timing.restart()
         self._assembler.restart()
         self._handshake.begin(at)
 
@@ -236,14 +216,14 @@ class Intake:
             self._held.popleft()
             self.untimed += 1
             self._untold += 1
-        self._held.append(_Heard(message, sequence, device, at, transmission))
+        self._held.append(Heard(message, sequence, device, at, transmission))
 
     def _answered(self, reply: PingReply, at: float) -> None:
         if self._current is None or not self._current.follows(reply, at):
             return
         sent = self._handshake.sent(reply.sequence)
         if sent is not None:
-            self._clock.answered(sent, at, self._current.device_time(reply, at))
+            self._timing.answered(sent, at, self._current.device_time(reply, at))
 
     def _batches(self, at: float) -> Iterator[Batch]:
         """What can be given a time by now, as batches."""
@@ -259,23 +239,11 @@ class Intake:
                 self._refused[Refusal.FOREIGN] += len(heard)
                 self._undescribed = count
                 continue
-            batch = self._assembler.batch(
-                [self._timed(one) for one in heard], self.epoch, at - self._began, self._untold
-            )
+            timed = [self._timing.timed(one, self._format.two_way) for one in heard]
+            batch = self._assembler.batch(timed, self.epoch, at - self._began, self._untold)
             self._untold = self._undescribed = 0
             self.frames += len(batch)
-            self._time_std = batch.time_std
             yield batch
-
-    def _timed(self, heard: _Heard) -> Timed:
-        host: HostTime | None
-        if self._format.two_way:
-            assert heard.device is not None
-            host = self._clock.host_time(heard.device)
-            assert host is not None
-        else:
-            host = self._arrivals.host_time(heard.arrival, heard.transmission, heard.device)
-        return Timed(heard.measurement, heard.sequence, self._wall.unix(host.at), host.std)
 
     def _unheard(self, first: _Rival, second: Measurement) -> int:
         """How many measurements of its new epoch nobody heard, if the device started since the last good one.
