@@ -46,9 +46,13 @@ async def test_unplugged_amid_a_frame_and_plugged_in_again_the_stream_goes_on(
             assert len(frame) == 35  # the last cut is behind its whole
             board.write(frame[:cut])
             await board.written()
+            if outage % 2:
+                await asyncio.sleep(PAUSE)  # else what nobody has read yet goes with the line
             board.unplug()
             await clients.until(lambda status: status.device.state == pb.DEVICE_STATE_CONNECTING)
             board.measure(20)  # to nobody
+            if outage == 1:
+                await asyncio.sleep(3 * link.FIRST_DELAY)  # so that it is tried in vain
             board.plug()
             await clients.opened(1 + outage)
             before = listener.got
@@ -152,6 +156,22 @@ async def test_noise_costs_no_more_than_the_frame_it_runs_into(
     assert sum(status.refused.values()) == board.damaged
     assert (board.damaged == 0) == (noise is zeros)
     listener.check_gaps()
+    listener.check_frames(ONE_BOOT, board.times, unix_offset())
+
+
+async def test_a_frame_that_comes_twice_counts_once(tmp_path: Path) -> None:
+    board = Board(tmp_path / "finger")
+    async with gateway(tmp_path / "finger") as clients, clients.listening() as listener:
+        await clients.opened()
+        await board.bursts(4)
+        for _ in range(10):
+            board.write(2 * board.frame())
+            await board.bursts(1, frames=1)
+        await listener.until(lambda: listener.told == board.made)
+        status = await clients.status()
+    assert (listener.got, listener.lost, status.epoch) == (40, 0, 0)
+    assert dict(status.refused) == {"implausible": 10}
+    assert listener.sequence() == list(range(40))
     listener.check_frames(ONE_BOOT, board.times, unix_offset())
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from faulty_board import Board
 from faulty_gateway import Gateway, gateway, unix_offset
+from pretouch_sensor_gateway.transport.link import FIRST_DELAY
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
@@ -29,6 +30,7 @@ async def refused(clients: Gateway) -> str:
     """Why the port cannot be opened, once that was found."""
     status = await clients.until(lambda status: status.device.problem != "")
     assert (status.device.state, status.connections) == (pb.DEVICE_STATE_CONNECTING, 0)
+    await asyncio.sleep(3 * FIRST_DELAY)  # so that it is tried again in vain
     return status.device.problem
 
 

@@ -43,12 +43,12 @@ async def fused(clients: Gateway, times: list[float]) -> list[float]:
     path = np.linspace(start, end, 2 + math.ceil((end - start) / 0.1))
     points = clients.stub.StreamPoints()
     await points.write(pb.StreamPointsRequest(tip_poses=[pb.TipPose(t=t, base_t_tip=still) for t in path]))
-    request = pb.GetSamplesRequest(to=end, **{"from": start})
+    request = pb.GetSamplesRequest(device="finger", to=end, **{"from": start})
     samples = samples_from_proto((await clients.stub.GetSamples(request)).samples)
     while len(samples) < len(times):
         samples = samples_from_proto((await clients.stub.GetSamples(request)).samples)
     points.cancel()
-    return samples.t.tolist()
+    return [float(t) for t in samples.t]
 
 
 async def test_after_the_hosts_clock_jumped_all_times_are_by_the_new_one(
