@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from faulty_board import OTHER_SERIAL, Board
 from faulty_gateway import gateway, unix_offset
+from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
@@ -76,3 +77,17 @@ async def test_a_device_that_falls_silent_is_not_blamed_for_a_frame_damaged_befo
         board.answers = False
         silent = await clients.until(lambda status: status.device.state == pb.DEVICE_STATE_SILENT)
     assert silent.device.problem == "The port is open but nothing comes that ends a frame."
+
+
+@pytest.mark.xfail(strict=True, reason="only as many are kept as are held for want of a clock")
+async def test_a_backlog_of_short_lines_is_delivered_whole(tmp_path: Path) -> None:
+    board = Board(tmp_path / "finger")
+    setting = GatewaySetting((DeviceSetting("finger", str(tmp_path / "finger"), "millimetres"),))
+    async with gateway(setting) as clients, clients.listening() as listener:
+        await clients.opened()
+        board.write(b"\r\n34\r\n")
+        await listener.until(lambda: listener.got == 1)
+        board.write(b"35\r\n" * 1000)
+        await listener.until(lambda: listener.told == 1001)
+        status = await clients.status()
+    assert (listener.got, listener.lost, status.untimed) == (1001, 0, 0)
