@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from faulty_board import OTHER_SERIAL, Board
 from faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
@@ -12,7 +11,6 @@ from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
 
-@pytest.mark.xfail(strict=True, reason="not yet told apart")
 async def test_two_boards_of_the_same_boot_number_and_nearly_the_same_clock_are_two_epochs(tmp_path: Path) -> None:
     port = tmp_path / "finger"
     first = Board(port)
@@ -33,7 +31,6 @@ async def test_two_boards_of_the_same_boot_number_and_nearly_the_same_clock_are_
     listener.check_frames({0: 1, 1: 1}, first.times | other.times, unix_offset())
 
 
-@pytest.mark.xfail(strict=True, reason="what was delivered is told as lost once more")
 async def test_a_device_whose_clock_stood_still_missed_nobody(tmp_path: Path) -> None:
     board = Board(tmp_path / "finger", first_tick=100_000_000)
     async with gateway(tmp_path / "finger") as clients, clients.listening() as listener:
@@ -49,7 +46,6 @@ async def test_a_device_whose_clock_stood_still_missed_nobody(tmp_path: Path) ->
     assert listener.told == board.made
 
 
-@pytest.mark.xfail(strict=True, reason="frames of a known clock are given up when the next start comes in one read")
 async def test_the_last_frames_before_a_reboot_are_delivered_though_it_comes_at_once(tmp_path: Path) -> None:
     board = Board(tmp_path / "finger")
     async with gateway(tmp_path / "finger") as clients, clients.listening() as listener:
@@ -66,7 +62,6 @@ async def test_the_last_frames_before_a_reboot_are_delivered_though_it_comes_at_
     assert (listener.got, listener.lost, status.untimed) == (64, 0, 0)
 
 
-@pytest.mark.xfail(strict=True, reason="an old refusal is blamed")
 async def test_a_device_that_falls_silent_is_not_blamed_for_a_frame_damaged_before(tmp_path: Path) -> None:
     board = Board(tmp_path / "finger")
     async with gateway(tmp_path / "finger") as clients, clients.listening() as listener:
@@ -79,7 +74,6 @@ async def test_a_device_that_falls_silent_is_not_blamed_for_a_frame_damaged_befo
     assert silent.device.problem == "The port is open but nothing comes that ends a frame."
 
 
-@pytest.mark.xfail(strict=True, reason="only as many are kept as are held for want of a clock")
 async def test_a_backlog_of_short_lines_is_delivered_whole(tmp_path: Path) -> None:
     board = Board(tmp_path / "finger")
     setting = GatewaySetting((DeviceSetting("finger", str(tmp_path / "finger"), "millimetres"),))

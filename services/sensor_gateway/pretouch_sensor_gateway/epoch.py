@@ -49,8 +49,7 @@ class Epoch:
         """
         missing = 0
         if message.sequence is not None:
-            if self._sequence is not None:
-                missing = max(0, signed_difference(message.sequence, self._sequence) - 1)
+            missing = self.missing(message.sequence)
             self._sequence = message.sequence
         self._counted += 1
         sequence = self._counted if message.sequence is None else message.sequence
@@ -58,6 +57,10 @@ class Epoch:
             return sequence, missing, None
         self._micros = message.micros
         return sequence, missing, self._ticks.unwrap(message.micros, at)
+
+    def missing(self, sequence: int) -> int:
+        """How many measurements are missing before that one; 0 before the first."""
+        return 0 if self._sequence is None else max(0, signed_difference(sequence, self._sequence) - 1)
 
     def device_time(self, reply: PingReply, at: float) -> float:
         """The device's clock, s, without wraps, in a reply that `follows`."""

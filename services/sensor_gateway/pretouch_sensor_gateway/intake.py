@@ -31,6 +31,8 @@ from pretouch_sensor_gateway.wire_formats.received import (
     WireFormat,
 )
 
+CONFIRM_WITHIN = 0.5
+"""Seconds for which a line that was opened again may leave open whether the same board is on it."""
 MAX_HELD = 256
 """Measurements held until the device's clock is known; it takes milliseconds, so more means that it never will be."""
 _SLACK = 1.0
@@ -77,6 +79,10 @@ class Intake:
         self._began = 0.0
         self._rival: _Rival | None = None
         self._held: deque[Heard] = deque()
+        self._given: list[Batch] = []  # of an epoch that ended amid what was received
+        self._board: str | None = None  # serial of the epoch's board, once it is known
+        self._unconfirmed_since: float | None = None  # the line was opened again, and nothing was answered since
+        self._waiting: list[tuple[Measurement, float, float]] = []
         self._untold = 0  # lost, and not yet told in a batch
         self._undescribed = 0  # modules of the last measurement, if the calibration is of another number
 
@@ -125,9 +131,11 @@ class Intake:
         """The line is open: the whole handshake begins again, and what was half received is void."""
         self._format.restart()
         self._handshake.begin(at)
+        self._unconfirmed_since = None if self._current is None else at
 
     def closed(self) -> None:
         """The line is cut: what waits for confirmation will get none."""
+        self._confirmed()
         self._drop_rival()
 
     def received(self, data: bytes, at: float, unix: float) -> list[Batch]:
@@ -136,13 +144,19 @@ class Intake:
         transmission = len(data) * self._byte_time
         for message in self._heard(data):
             match message:
+                case Measurement() if self._to_be_confirmed(at):
+                    self._waiting.append((message, at, transmission))
                 case Measurement():
+                    self._confirmed()
                     self._measured(message, at, transmission)
                 case PingReply():
+                    self._confirmed()
                     self._answered(message, at)
                 case Identity():
-                    self._handshake.identity = message
-        return list(self._batches(at))
+                    self._identified(message)
+                    self._confirmed()
+        given, self._given = [*self._given, *self._batches(at)], []
+        return given
 
     def problem(self) -> str:
         """Why good measurements are not passed on; "" if they are."""
@@ -175,6 +189,25 @@ class Intake:
         self._untold += early
         return messages[early:]
 
+    def _to_be_confirmed(self, at: float) -> bool:
+        """Whether another board may be on the line than before, whose boot number, sequence and clock happen to fit."""
+        since = self._unconfirmed_since
+        return since is not None and self._format.two_way and at - since < CONFIRM_WITHIN
+
+    def _confirmed(self) -> None:
+        """Who is on the line is known now, or will never be."""
+        self._unconfirmed_since = None
+        waiting, self._waiting = self._waiting, []
+        for measurement in waiting:
+            self._measured(*measurement)
+
+    def _identified(self, identity: Identity) -> None:
+        if self._board not in (None, identity.serial) and self._current is not None:
+            self.epoch += 1
+            self._current = None
+        self._board = identity.serial
+        self._handshake.identity = identity
+
     def _measured(self, message: Measurement, at: float, transmission: float) -> None:
         if self._current is None:
             self._begin(message.boot, at)
@@ -185,7 +218,6 @@ class Intake:
         elif self._rival is not None and self._rival.epoch.follows(message, at):
             first, self._rival = self._rival, None
             unheard = self._unheard(first, message)
-            self.epoch += 1
             self._begin(message.boot, first.at)
             self._lose(unheard)
             self._take(first.message, first.at, first.transmission)
@@ -197,12 +229,16 @@ class Intake:
             self._rival = _Rival(epoch, message, at, transmission)
 
     def _begin(self, boot: int | None, at: float) -> None:
-        """A new epoch, first heard at `at`. What was held of the one before has no time and will get none."""
+        """A new epoch, first heard at `at`. What is held of the one before gets its time now, or never."""
+        if self._current is not None:
+            self._given += self._batches(at)
+            self.epoch += 1
         self.untimed += len(self._held)
         self._untold += len(self._held)
         self._held.clear()
         self._current = Epoch(self._format.tick_modulus, boot)
         self._began = at
+        self._board = None
         self._timing.restart()
         self._assembler.restart()
         self._handshake.begin(at)
@@ -212,7 +248,7 @@ class Intake:
         sequence, missing, device = self._current.take(message, at)
         self._lose(missing)
         self.last_good = at
-        if len(self._held) == MAX_HELD:
+        if len(self._held) == MAX_HELD and not self._passes:
             self._held.popleft()
             self.untimed += 1
             self._untold += 1
@@ -227,7 +263,7 @@ class Intake:
 
     def _batches(self, at: float) -> Iterator[Batch]:
         """What can be given a time by now, as batches."""
-        if not self.synchronised or (self._format.two_way and self._wanted_serial and self.identity is None):
+        if not self._passes:
             return
         held, self._held = list(self._held), deque()
         if self._foreign():
@@ -246,15 +282,17 @@ class Intake:
             yield batch
 
     def _unheard(self, first: _Rival, second: Measurement) -> int:
-        """How many measurements of its new epoch nobody heard, if the device started since the last good one.
+        """How many measurements nobody heard: of its new run, or of the same one if only its clock or count leapt.
 
-        One that has been running for longer, on another cable, missed nobody.
+        A device that has been running for longer than since the last good one, on another cable, missed nobody.
         """
+        assert self._current is not None
         sequence, micros = first.message.sequence, first.message.micros
         if sequence is None or micros is None or second.sequence is None or second.micros is None:
             return 0
         period = (second.micros - micros) % COUNTER_MODULUS * 1e-6 / max(1, second.sequence - sequence)
-        return sequence if sequence * period <= first.at - self.last_good + _SLACK else 0
+        count = sequence if first.message.boot != self._current.boot else self._current.missing(sequence)
+        return count if count * period <= first.at - self.last_good + _SLACK else 0
 
     def _lose(self, count: int) -> None:
         self.lost += count
@@ -264,6 +302,11 @@ class Intake:
         if self._rival is not None:
             self._refused[Refusal.IMPLAUSIBLE] += 1
             self._rival = None
+
+    @property
+    def _passes(self) -> bool:
+        """Whether measurements can be given a time, and are of a board that may be told."""
+        return self.synchronised and not (self._format.two_way and self._wanted_serial and self.identity is None)
 
     @property
     def _wanted_serial(self) -> str:

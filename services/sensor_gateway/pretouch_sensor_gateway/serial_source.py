@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections import Counter
 from collections.abc import Callable
 
 import structlog
@@ -13,7 +14,7 @@ from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.intake import Intake
 from pretouch_sensor_gateway.source import DeviceState, SourceStatus
 from pretouch_sensor_gateway.transport.link import Link, LinkState
-from pretouch_sensor_gateway.wire_formats.received import WireFormat
+from pretouch_sensor_gateway.wire_formats.received import Refusal, WireFormat
 
 SILENT_AFTER = 1.0
 """Seconds without a good frame after which an open port counts as silent."""
@@ -49,6 +50,7 @@ class SerialSource:
         self._happened = happened
         self._talk = asyncio.Event()
         self._opened_at = -float("inf")
+        self._refused_before: Counter[Refusal] = Counter()  # the last good frame, or the opening
 
     async def run(self) -> None:
         """Reads the port and answers for the handshake, until cancelled."""
@@ -81,6 +83,7 @@ class SerialSource:
 
     def opened(self, at: float) -> None:
         self._opened_at = at
+        self._refused_before = self._intake.refused
         self._happened("The port was opened.")
         self._intake.opened(at)
         self._talk.set()
@@ -93,6 +96,8 @@ class SerialSource:
         epoch = self._intake.epoch
         for batch in self._intake.received(data, at, _unix_time(at)):
             self._deliver(batch)
+        if self._intake.last_good == at:
+            self._refused_before = self._intake.refused
         if self._intake.epoch != epoch:
             self._log.info("the device started anew", epoch=self._intake.epoch)
             self._happened(f"The device started anew: epoch {self._intake.epoch}.")
@@ -124,7 +129,7 @@ class SerialSource:
         if self._link.state is not LinkState.OPEN:
             return self._link.problem
         if now - max(self._intake.last_good, self._opened_at) > SILENT_AFTER:
-            refused = self._intake.refused.most_common(1)
+            refused = (self._intake.refused - self._refused_before).most_common(1)
             if not refused:
                 return "The port is open but nothing comes that ends a frame."
             return f"The port is open but no good frame comes; most were refused because: {refused[0][0].value}."
