@@ -18,6 +18,13 @@ from typing import Any
 import pyte
 
 _TIMEOUT = 60.0  # s: a start on a busy machine
+_WITH_THIS_TERMINAL = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+"""Makes standard input the terminal whose Ctrl-C and end are the program's: in the test's own process it would take a
+fork, which gRPC's threads do not survive."""
 
 
 class Terminal:
@@ -43,13 +50,12 @@ class Terminal:
         kept = {key: value for key, value in os.environ.items() if not key.startswith(("PRETOUCH_", "NO_COLOR"))}
         kept = {key: value for key, value in kept.items() if key not in ("COLUMNS", "LINES")}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "pretouch", *self._arguments],
+            [sys.executable, "-c", _WITH_THIS_TERMINAL, sys.executable, "-m", "pretouch", *self._arguments],
             stdin=self._slave,
             stdout=self._slave,
             stderr=self._slave,
             env=kept | {"TERM": "xterm-256color"} | self._variables,
             start_new_session=True,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

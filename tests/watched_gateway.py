@@ -139,7 +139,8 @@ class FakeGateway(SensorGatewayServiceServicer):
     ) -> Iterator[pb.StreamRangesResponse]:
         self._check(context)
         mine: queue.Queue[pb.StreamRangesResponse | None] = queue.Queue()
-        context.add_callback(lambda: mine.put(None))
+        if not context.add_callback(lambda: mine.put(None)):  # the call has ended already
+            return
         with self._changed:
             self._listeners.setdefault(request.device, []).append(mine)
             self._changed.notify_all()

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import socket
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from gateway_recordings import files_in, measured, series_in
+from pretouch_sensor_gateway import local
 from pretouch_sensor_gateway.local import DEVICE, local_gateway
+from pretouch_sensor_gateway.recording.items import Stopped
 from pretouch_simulation.finger_link import FingerProcess
 from processes import Service, free_port
 from terminals import Terminal
 
 from pretouch.channel import open_sync_channel
-from pretouch.errors import InvalidInput
+from pretouch.errors import InvalidInput, Unavailable
 from pretouch.geometry import Pose
 from pretouch.trajectory import Trajectory
 from pretouch.v1 import sensor_gateway_pb2 as pb
@@ -84,10 +87,22 @@ def test_a_port_that_is_not_there_is_told_and_waited_for(tmp_path: Path, finger:
         assert terminal.ended() == 0
 
 
+def test_a_recording_is_watched_as_if_it_were_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    series_in(tmp_path).write([*map(measured, range(3000)), Stopped()], 0.0)
+    (recording,) = files_in(tmp_path)
+    monkeypatch.chdir(recording.parent)
+    with Terminal("gateway", "watch", "--port", f"replay:{recording.name}") as terminal:
+        terminal.wait_for("● streaming")
+        screen = terminal.wait_for("50.0 ok")
+        assert any(line.split()[:2] == ["5", "-"] for line in screen)
+        terminal.type(b"q")
+        assert terminal.ended() == 0
+
+
 def test_a_local_gateway_serves_its_device_and_ends_with_the_block(
-    finger: FingerProcess, capfd: pytest.CaptureFixture[str]
+    finger: FingerProcess, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = set(threading.enumerate())
+    monkeypatch.setenv("PRETOUCH_TOKEN", "of another gateway")
     with local_gateway(finger.port) as address:
         assert address.startswith("127.0.0.1:")
         with open_sync_channel(address) as channel:
@@ -97,22 +112,47 @@ def test_a_local_gateway_serves_its_device_and_ends_with_the_block(
             stream.cancel()
             assert array_from_proto(batch.range, "range")[0, 0] == pytest.approx(0.0423)
             assert stub.GetStatus(pb.GetStatusRequest(device=DEVICE), timeout=TIMEOUT).format == "binary"
-    assert "gateway" not in {thread.name for thread in set(threading.enumerate()) - before}
-    assert capfd.readouterr() == ("", "")
+    host, _, port = address.partition(":")
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection((host, int(port)), TIMEOUT)
+    assert capfd.readouterr().out == ""
 
 
 def test_a_local_gateway_ends_when_the_program_fails(finger: FingerProcess) -> None:
+    where = ""
+
     def fail() -> None:
-        with local_gateway(finger.port):
+        nonlocal where
+        with local_gateway(finger.port) as where:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         fail()
-    with local_gateway(finger.port) as address, open_sync_channel(address) as channel:
-        stub = SensorGatewayServiceStub(channel)
-        stream = stub.StreamRanges(pb.StreamRangesRequest(), timeout=TIMEOUT)
-        assert len(next(stream).batch.t.data), "the port was given back"
-        stream.cancel()
+    host, _, port = where.partition(":")
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection((host, int(port)), TIMEOUT)
+
+
+def test_a_local_gateway_that_does_not_start_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local, "_GATEWAY", (sys.executable, "-c", "raise SystemExit('There is no room.')"))
+    with pytest.raises(Unavailable, match="There is no room"), local_gateway("/dev/ttyUSB0"):
+        pass
+
+
+def test_what_the_gateway_logs_as_an_error_is_told_afterwards(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = """
+import sys
+print('{"event": "ready", "host": "127.0.0.1", "port": 7, "level": "info"}', file=sys.stderr)
+print('{"event": "defect", "level": "error"}', file=sys.stderr, flush=True)
+sys.stdin.read()
+"""
+    monkeypatch.setattr(local, "_GATEWAY", (sys.executable, "-c", script))
+    with local_gateway("/dev/ttyUSB0") as address:
+        assert address == "127.0.0.1:7"
+        assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == '{"event": "defect", "level": "error"}\n'
 
 
 @pytest.mark.parametrize(

@@ -1,81 +1,125 @@
-"""A gateway of one device within this process, for programs that want to talk to a device and find no gateway."""
+"""A gateway for one device and one program: it starts with the program's need of it, and ends with it."""
 
 from __future__ import annotations
 
-import asyncio
-import io
-import logging
+import json
+import os
+import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
-from functools import partial
+from pathlib import Path
+from typing import IO, Any
 
-import structlog
-
-from pretouch.serving import Settings, started
-from pretouch_sensor_gateway.configuration import DEFAULT_BAUD, DeviceSetting, GatewaySetting
-from pretouch_sensor_gateway.service import serving
+from pretouch.errors import DeadlineExceeded, Unavailable
+from pretouch_sensor_gateway.configuration import DEFAULT_BAUD, VARIABLE, DeviceSetting
 from pretouch_sensor_gateway.wire_formats.recognition import AUTO
 
 DEVICE = "finger"
 """What the device is called."""
 _GRACE = 0.5
 """Seconds that calls get to end."""
-_PATIENCE = 10.0
-"""Seconds after which a gateway that hangs is left behind."""
+_GATEWAY = (sys.executable, "-P", "-m", "pretouch", "serve", "gateway", "--until-stdin-closes")
+_START_TIMEOUT = 60.0
+_END_TIMEOUT = 10.0
 
 
 @contextmanager
 def local_gateway(address: str, wire_format: str = AUTO, baud: int = DEFAULT_BAUD) -> Iterator[str]:
-    """Serves the device at `address` on a free port of 127.0.0.1, in a thread; gives host:port of gRPC.
+    """Serves the device at `address` on a free port of 127.0.0.1; gives host:port of gRPC.
 
-    What the gateway logs as an error is printed to standard error afterwards, the rest is dropped: the program at work
-    has the terminal, and the device's status tells what is wrong with it.
+    The gateway is a process of its own, so that whatever keeps this one busy does not keep it from reading the port in
+    time; it ends with this one, however that ends. What it logs as an error is printed to standard error afterwards,
+    the rest is dropped: the device's status tells what is wrong with it.
 
     Raises:
         InvalidInput: address, format or baud rate cannot be.
+        Unavailable: the gateway did not start.
+        DeadlineExceeded: it did not start in a minute.
     """
-    setting = GatewaySetting((DeviceSetting(DEVICE, address, wire_format, baud),))
-    ready: Future[tuple[str, asyncio.AbstractEventLoop, asyncio.Event]] = Future()
-    with _held_log():
-        thread = threading.Thread(target=lambda: asyncio.run(_serve(setting, ready)), name="gateway", daemon=True)
-        thread.start()
-        where, loop, stop = ready.result()
+    setting = DeviceSetting(DEVICE, address, wire_format, baud)
+    with tempfile.TemporaryDirectory(prefix="pretouch-") as folder:
+        configuration = Path(folder) / "gateway.toml"
+        configuration.write_text(_configuration(setting))
+        process = subprocess.Popen(
+            [*_GATEWAY, "--port", "0", "--grace", str(_GRACE)],
+            env=_environment() | {VARIABLE: str(configuration)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C reaches this program alone, which ends the gateway in order
+        )
+        log = _Log(process)
         try:
-            yield where
+            yield log.ready()
         finally:
-            with suppress(RuntimeError):  # its loop is closed: it has ended by itself
-                loop.call_soon_threadsafe(stop.set)
-            thread.join(_PATIENCE)
+            _end(process)
+            log.close()
 
 
-async def _serve(setting: GatewaySetting, ready: Future[tuple[str, asyncio.AbstractEventLoop, asyncio.Event]]) -> None:
-    stop = asyncio.Event()
+def _configuration(setting: DeviceSetting) -> str:
+    """What the gateway reads; JSON's strings are TOML's too."""
+    recording = setting.recording
+    address = setting.address if recording is None else f"replay:{recording.resolve()}"
+    members = {"address": address, "format": setting.wire_format, "baud": setting.baud}
+    lines = (f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in members.items())
+    return "\n".join((f"[devices.{setting.name}]", *lines, ""))
+
+
+def _environment() -> dict[str, str]:
+    """This process's, without what was said to another gateway or to its clients."""
+    return {key: value for key, value in os.environ.items() if not key.startswith("PRETOUCH_")}
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    assert process.stdin is not None
+    with suppress(BrokenPipeError):
+        process.stdin.close()
     try:
-        settings = Settings(grace=_GRACE)
-        async with started("gateway", partial(serving, setting=setting), settings) as service:
-            ready.set_result((settings.address(service.port), asyncio.get_running_loop(), stop))
-            await stop.wait()
-    except Exception as error:
-        if ready.done():
-            raise
-        ready.set_exception(error)
+        process.wait(_END_TIMEOUT)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
-@contextmanager
-def _held_log() -> Iterator[None]:
-    """Keeps the log's errors until the block ends."""
-    before = structlog.get_config()
-    held = io.StringIO()
-    structlog.configure(
-        wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR),
-        logger_factory=structlog.PrintLoggerFactory(held),
-        cache_logger_on_first_use=False,
-    )
-    try:
-        yield
-    finally:
-        structlog.configure(**before)
-        sys.stderr.write(held.getvalue())
+class _Log:
+    """Reads a gateway's log for as long as it runs."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stderr is not None
+        self._errors: list[str] = []
+        self._address: Future[str] = Future()
+        self._thread = threading.Thread(target=self._read, args=(process.stderr,), name="gateway log", daemon=True)
+        self._thread.start()
+
+    def ready(self) -> str:
+        """host:port, once it serves."""
+        try:
+            return self._address.result(_START_TIMEOUT)
+        except TimeoutError as error:
+            raise DeadlineExceeded("The gateway for the device did not start in time.", "Try again.") from error
+
+    def close(self) -> None:
+        """Prints the errors; the gateway has ended."""
+        self._thread.join(_END_TIMEOUT)
+        sys.stderr.write("".join(self._errors))
+
+    def _read(self, stream: IO[bytes]) -> None:
+        with stream:
+            for line in stream:
+                self._take(line.decode(errors="replace"))
+        if not self._address.done():
+            told, self._errors = "".join(self._errors).strip()[-500:], []
+            self._address.set_exception(Unavailable(f"The gateway for the device did not start: {told}"))
+
+    def _take(self, line: str) -> None:
+        fields: Any = None
+        with suppress(ValueError):
+            fields = json.loads(line)
+        if not isinstance(fields, dict) or fields.get("level") in ("error", "critical"):
+            self._errors.append(line)
+        elif fields.get("event") == "ready":
+            self._address.set_result(f"{fields['host']}:{fields['port']}")

@@ -37,7 +37,10 @@ def watch(
     device: Annotated[str, typer.Option(help="Only the device of this name.", show_default="all")] = "",
     port: Annotated[
         str | None,
-        typer.Option(help="Read a device without a running gateway: its path, usb:VID:PID or socket://host:port."),
+        typer.Option(
+            help="Read a device without a running gateway: its path, usb:VID:PID, socket://host:port, or "
+            "replay:FILE for a recording of one."
+        ),
     ] = None,
     wire_format: Annotated[
         str, typer.Option("--format", help="With --port: the device's wire format; auto recognises it.")
