@@ -1,27 +1,22 @@
 """From a device's bytes to batches with times: the whole way of one device, without any I/O.
 
-    bytes ─▶ wire format ─▶ epoch ─▶ clock ─▶ assembler ─▶ batch
-
-A measurement that does not follow the one before is kept aside. If the next one follows *it*, the device started anew
-(or another one sits on the line): a new epoch begins with both, and the handshake begins again. If not, it was damaged.
+bytes ─▶ wire format ─▶ succession ─▶ timing ─▶ assembler ─▶ batch
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import groupby
 
 from pretouch_sensor_gateway.assembler import Assembler
 from pretouch_sensor_gateway.batch import Batch
 from pretouch_sensor_gateway.calibration.model import Calibration
-from pretouch_sensor_gateway.epoch import Epoch
 from pretouch_sensor_gateway.handshake import Handshake
 from pretouch_sensor_gateway.source import ClockState
-from pretouch_sensor_gateway.timing import Heard, Timing
+from pretouch_sensor_gateway.succession import Arrival, Succession, Successor
+from pretouch_sensor_gateway.timing import Timing
 from pretouch_sensor_gateway.wire_formats.binary import END, encode
-from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
 from pretouch_sensor_gateway.wire_formats.received import (
     Identity,
     Measurement,
@@ -35,18 +30,6 @@ CONFIRM_WITHIN = 0.5
 """Seconds for which a line that was opened again may leave open whether the same board is on it."""
 MAX_HELD = 256
 """Measurements held until the device's clock is known; it takes milliseconds, so more means that it never will be."""
-_SLACK = 1.0
-"""Seconds that a device may seem to have started too early to have been missed: its period is only estimated."""
-
-
-@dataclass(frozen=True)
-class _Rival:
-    """A measurement that does not follow, and the epoch that it would begin."""
-
-    epoch: Epoch
-    message: Measurement
-    at: float
-    transmission: float
 
 
 class Intake:
@@ -62,34 +45,37 @@ class Intake:
         lost: measurements missing by sequence so far.
         untimed: good measurements given up because the device's clock was not known.
         epoch: how often the device was seen to start anew.
-        last_good: when the last good measurement came, s.
     """
 
     def __init__(self, wire_format: WireFormat, byte_time: float, calibration: Calibration | None) -> None:
         self.frames = self.lost = self.untimed = self.epoch = 0
-        self.last_good = -float("inf")
         self._refused: Counter[Refusal] = Counter()
         self._format = wire_format
         self._byte_time = byte_time
         self._assembler = Assembler(calibration)
         self._handshake = Handshake()
         self._timing = Timing()
-        self._current: Epoch | None = None
+        self._succession = Succession()
         self._spoken = wire_format.name
         self._began = 0.0
-        self._rival: _Rival | None = None
-        self._held: deque[Heard] = deque()
+        self._held: deque[Successor] = deque()
         self._given: list[Batch] = []  # of an epoch that ended amid what was received
         self._board: str | None = None  # serial of the epoch's board, once it is known
         self._unconfirmed_since: float | None = None  # the line was opened again, and nothing was answered since
-        self._waiting: list[tuple[Measurement, float, float]] = []
+        self._waiting: list[Arrival] = []
         self._untold = 0  # lost, and not yet told in a batch
         self._undescribed = 0  # modules of the last measurement, if the calibration is of another number
 
     @property
     def refused(self) -> Counter[Refusal]:
         """Frames or lines refused so far, by reason."""
-        return self._format.refused + self._refused
+        implausible = Counter({Refusal.IMPLAUSIBLE: self._succession.implausible})
+        return self._format.refused + self._refused + implausible
+
+    @property
+    def last_good(self) -> float:
+        """When the last good measurement came, s."""
+        return self._succession.last
 
     @property
     def format_name(self) -> str:
@@ -105,7 +91,7 @@ class Intake:
         """Whether measurements can be given a time."""
         if self._format.two_way:
             return self._timing.answers
-        return self._format.name != "" and self._current is not None
+        return self._format.name != "" and self._succession.begun
 
     @property
     def clock(self) -> ClockState:
@@ -131,12 +117,12 @@ class Intake:
         """The line is open: the whole handshake begins again, and what was half received is void."""
         self._format.restart()
         self._handshake.begin(at)
-        self._unconfirmed_since = None if self._current is None else at
+        self._unconfirmed_since = at if self._succession.begun else None
 
     def closed(self) -> None:
         """The line is cut: what waits for confirmation will get none."""
         self._confirmed()
-        self._drop_rival()
+        self._succession.drop_rival()
 
     def received(self, data: bytes, at: float, unix: float) -> list[Batch]:
         """Bytes of the device, read at host time `at`, s, which was `unix` s since the Unix epoch."""
@@ -145,10 +131,10 @@ class Intake:
         for message in self._heard(data):
             match message:
                 case Measurement() if self._to_be_confirmed(at):
-                    self._waiting.append((message, at, transmission))
+                    self._waiting.append(Arrival(message, at, transmission))
                 case Measurement():
                     self._confirmed()
-                    self._measured(message, at, transmission)
+                    self._measured(Arrival(message, at, transmission))
                 case PingReply():
                     self._confirmed()
                     self._answered(message, at)
@@ -177,9 +163,8 @@ class Intake:
         messages = self._format.feed(data)
         if self._format.name == recognised:
             return messages
-        if self._current is not None and self._format.name != self._spoken:
-            self.epoch += 1
-            self._current = None
+        if self._format.name != self._spoken:
+            self._end_epoch()
         self._spoken = self._format.name
         if self._format.two_way:
             return messages
@@ -198,68 +183,59 @@ class Intake:
         """Who is on the line is known now, or will never be."""
         self._unconfirmed_since = None
         waiting, self._waiting = self._waiting, []
-        for measurement in waiting:
-            self._measured(*measurement)
+        for arrival in waiting:
+            self._measured(arrival)
 
     def _identified(self, identity: Identity) -> None:
-        if self._board not in (None, identity.serial) and self._current is not None:
-            self.epoch += 1
-            self._current = None
+        if self._board not in (None, identity.serial):
+            self._end_epoch()
         self._board = identity.serial
         self._handshake.identity = identity
 
-    def _measured(self, message: Measurement, at: float, transmission: float) -> None:
-        if self._current is None:
-            self._begin(message.boot, at)
-        assert self._current is not None
-        if self._current.follows(message, at):
-            self._drop_rival()
-            self._take(message, at, transmission)
-        elif self._rival is not None and self._rival.epoch.follows(message, at):
-            first, self._rival = self._rival, None
-            unheard = self._unheard(first, message)
-            self._begin(message.boot, first.at)
-            self._lose(unheard)
-            self._take(first.message, first.at, first.transmission)
-            self._take(message, at, transmission)
-        else:
-            self._drop_rival()
-            epoch = Epoch(self._format.tick_modulus, message.boot)
-            epoch.take(message, at)
-            self._rival = _Rival(epoch, message, at, transmission)
+    def _end_epoch(self) -> None:
+        """Another device is on the line: what it measures does not follow what came before."""
+        if self._succession.begun:
+            self.epoch += 1
+            self._succession.end()
 
-    def _begin(self, boot: int | None, at: float) -> None:
-        """A new epoch, first heard at `at`. What is held of the one before gets its time now, or never."""
-        if self._current is not None:
+    def _measured(self, arrival: Arrival) -> None:
+        continued = self._succession.begun
+        for successor in self._succession.place(arrival, self._format.tick_modulus):
+            if successor.begins:
+                self._begin(successor.arrival.at, continued)
+            self._take(successor)
+
+    def _begin(self, at: float, continued: bool) -> None:
+        """A new epoch, first heard at `at`; `continued`: the one before was not ended before this was known.
+
+        What is held of the one before gets its time now, or never.
+        """
+        if continued:
             self._given += self._batches(at)
             self.epoch += 1
         self.untimed += len(self._held)
         self._untold += len(self._held)
         self._held.clear()
-        self._current = Epoch(self._format.tick_modulus, boot)
         self._began = at
         self._board = None
         self._timing.restart()
         self._assembler.restart()
         self._handshake.begin(at)
 
-    def _take(self, message: Measurement, at: float, transmission: float) -> None:
-        assert self._current is not None
-        sequence, missing, device = self._current.take(message, at)
-        self._lose(missing)
-        self.last_good = at
+    def _take(self, successor: Successor) -> None:
+        self.lost += successor.missing
+        self._untold += successor.missing
         if len(self._held) == MAX_HELD and not self._passes:
             self._held.popleft()
             self.untimed += 1
             self._untold += 1
-        self._held.append(Heard(message, sequence, device, at, transmission))
+        self._held.append(successor)
 
     def _answered(self, reply: PingReply, at: float) -> None:
-        if self._current is None or not self._current.follows(reply, at):
-            return
-        sent = self._handshake.sent(reply.sequence)
-        if sent is not None:
-            self._timing.answered(sent, at, self._current.device_time(reply, at))
+        device = self._succession.device_time(reply, at)
+        sent = None if device is None else self._handshake.sent(reply.sequence)
+        if sent is not None and device is not None:
+            self._timing.answered(sent, at, device)
 
     def _batches(self, at: float) -> Iterator[Batch]:
         """What can be given a time by now, as batches."""
@@ -269,39 +245,17 @@ class Intake:
         if self._foreign():
             self._refused[Refusal.FOREIGN] += len(held)
             return
-        for count, group in groupby(held, lambda heard: len(heard.measurement.ranges)):
-            heard = list(group)
+        for count, group in groupby(held, lambda held: len(held.arrival.message.ranges)):
+            successors = list(group)
             if not self._assembler.describes(count):
-                self._refused[Refusal.FOREIGN] += len(heard)
+                self._refused[Refusal.FOREIGN] += len(successors)
                 self._undescribed = count
                 continue
-            timed = [self._timing.timed(one, self._format.two_way) for one in heard]
+            timed = [self._timing.timed(one, self._format.two_way) for one in successors]
             batch = self._assembler.batch(timed, self.epoch, at - self._began, self._untold)
             self._untold = self._undescribed = 0
             self.frames += len(batch)
             yield batch
-
-    def _unheard(self, first: _Rival, second: Measurement) -> int:
-        """How many measurements nobody heard: of its new run, or of the same one if only its clock or count leapt.
-
-        A device that has been running for longer than since the last good one, on another cable, missed nobody.
-        """
-        assert self._current is not None
-        sequence, micros = first.message.sequence, first.message.micros
-        if sequence is None or micros is None or second.sequence is None or second.micros is None:
-            return 0
-        period = (second.micros - micros) % COUNTER_MODULUS * 1e-6 / max(1, second.sequence - sequence)
-        count = sequence if first.message.boot != self._current.boot else self._current.missing(sequence)
-        return count if count * period <= first.at - self.last_good + _SLACK else 0
-
-    def _lose(self, count: int) -> None:
-        self.lost += count
-        self._untold += count
-
-    def _drop_rival(self) -> None:
-        if self._rival is not None:
-            self._refused[Refusal.IMPLAUSIBLE] += 1
-            self._rival = None
 
     @property
     def _passes(self) -> bool:

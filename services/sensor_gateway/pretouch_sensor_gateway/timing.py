@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from pretouch_sensor_gateway.assembler import Timed
 from pretouch_sensor_gateway.clock.arrival_clock import ArrivalClock
 from pretouch_sensor_gateway.clock.ping_clock import HostTime, PingClock
 from pretouch_sensor_gateway.clock.wall_clock import WallClock
 from pretouch_sensor_gateway.source import ClockState
-from pretouch_sensor_gateway.wire_formats.received import Measurement
-
-
-@dataclass(frozen=True)
-class Heard:
-    """A measurement in its epoch: sequence, time on the device's clock if it tells one, arrival and transmission, s."""
-
-    measurement: Measurement
-    sequence: int
-    device: float | None
-    arrival: float
-    transmission: float
+from pretouch_sensor_gateway.succession import Successor
 
 
 class Timing:
@@ -50,17 +37,18 @@ class Timing:
         """A ping sent at `sent` was answered when the device's clock, s, stood at `device`; the answer was read."""
         self._pings.answered(sent, received, device)
 
-    def timed(self, heard: Heard, two_way: bool) -> Timed:
-        """When `heard` was measured; of a device that is to answer pings, once it `answers`."""
+    def timed(self, successor: Successor, two_way: bool) -> Timed:
+        """When a measurement was made; of a device that is to answer pings, once it `answers`."""
+        arrival = successor.arrival
         host: HostTime | None
         if two_way:
-            assert heard.device is not None
-            host = self._pings.host_time(heard.device)
+            assert successor.device is not None
+            host = self._pings.host_time(successor.device)
             assert host is not None
         else:
-            host = self._arrivals.host_time(heard.arrival, heard.transmission, heard.device)
+            host = self._arrivals.host_time(arrival.at, arrival.transmission, successor.device)
         self._std = host.std
-        return Timed(heard.measurement, heard.sequence, self._wall.unix(host.at), host.std)
+        return Timed(arrival.message, successor.sequence, self._wall.unix(host.at), host.std)
 
     def state(self, synchronised: bool) -> ClockState:
         """How the clocks compare, for people."""
