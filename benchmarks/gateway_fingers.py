@@ -10,6 +10,7 @@ import select
 import time
 import tty
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
@@ -97,6 +98,7 @@ class _Finger:
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
         self.sequence = 0
+        self.pending = b""
         self._identity = Identity(int(rng.integers(2**16)), f"{number + 1:016x}", MODULES, 1 / 30, "benchmark 1.0")
         self._ranges = [tuple(row) for row in rng.uniform(0.03, 0.04, (997, MODULES)).tolist()]
         self._decoder = FrameDecoder()
@@ -104,20 +106,19 @@ class _Finger:
     def fileno(self) -> int:
         return self._master
 
-    def write(self, data: bytes) -> int:
-        """How many bytes the line took."""
-        try:
-            return os.write(self._master, data)
-        except BlockingIOError:
-            return 0
+    def send(self, data: bytes = b"") -> None:
+        """Writes what the line takes, in its order; the rest is `pending`."""
+        self.pending += data
+        with suppress(BlockingIOError):
+            self.pending = self.pending[os.write(self._master, self.pending) :]
 
     def answer(self) -> None:
         """Answers what it was asked."""
         for message in self._decoder.feed(os.read(self._master, 4096)):
             if isinstance(message, Ping):
-                self.write(encode(PingReply(self._identity.boot, message.sequence, _micros(time.monotonic_ns()))))
+                self.send(encode(PingReply(self._identity.boot, message.sequence, _micros(time.monotonic_ns()))))
             elif isinstance(message, Identify):
-                self.write(encode(self._identity))
+                self.send(encode(self._identity))
 
     def measure(self, at: float) -> bytes:
         """The next frame, measured at `at`, ns."""
@@ -137,18 +138,18 @@ class _Flow:
         self._period = 1e9 / job.rate
         self._count = job.count
         self._frames: list[bytes] = []
-        self._pending = b""
         self._stamps: list[int] = []
         self._taken_at = 0
         self._held_back = False
 
     def encode(self, frames: int) -> None:
         """Gets so many more frames ready."""
-        self._frames += [self._finger.measure(self._start + k * self._period) for k in range(frames)]
+        first = len(self._frames)
+        self._frames += [self._finger.measure(self._start + k * self._period) for k in range(first, first + frames)]
 
     @property
     def done(self) -> bool:
-        return len(self._stamps) == self._count and not self._pending
+        return len(self._stamps) == self._count and not self._finger.pending
 
     @property
     def next_due(self) -> float:
@@ -159,14 +160,13 @@ class _Flow:
         """Writes what is due, and gives up if the line has not taken enough for too long."""
         sent, size = len(self._stamps), len(self._frames)
         due = min(self._count, int((now - self._start) // self._period) + 1)
-        if due > sent:
-            self._pending += b"".join([self._frames[k % size] for k in range(sent, due)])
+        if due > sent or self._finger.pending:
+            frames = b"".join([self._frames[k % size] for k in range(sent, due)])
             self._stamps += [time.monotonic_ns()] * (due - sent)
-        if self._pending:
-            self._pending = self._pending[self._finger.write(self._pending) :]
-            self._held_back |= bool(self._pending)
+            self._finger.send(frames)
             self._taken_at = time.monotonic_ns()
-        if len(self._pending) * self._period / len(self._frames[0]) > _HOPELESS * 1e9:
+            self._held_back |= bool(self._finger.pending)
+        if len(self._finger.pending) * self._period / len(self._frames[0]) > _HOPELESS * 1e9:
             self._count = len(self._stamps)
 
     def sent(self) -> Sent:

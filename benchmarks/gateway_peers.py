@@ -25,16 +25,20 @@ from benchmarks.gateway_inbox import Inbox
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
 _METHOD = "/benchmark.Bare/Stream"
-_QUIET = 0.5
-"""Seconds without a byte, after the first frame was due, after which a reader thinks that no more comes."""
+_LOOK = 0.2
+"""Seconds without a byte after which a reader asks itself whether any more will come."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Read `count` frames in all, the first of which is due at `start`, ns of the steady clock."""
+    """Read `count` frames in all, the first of which is due at `start`, ns of the steady clock.
+
+    After `patience` s without a byte no more will come.
+    """
 
     count: int
     start: int
+    patience: float = 5.0
     decode: bool = False
 
 
@@ -55,7 +59,7 @@ def read_ports(connection: Connection, ports: Sequence[str]) -> None:
     One port is read blocking, of several those that have something.
     """
     with ExitStack() as stack:
-        lines = [stack.enter_context(serial.Serial(port, timeout=_QUIET / 2)) for port in ports]
+        lines = [stack.enter_context(serial.Serial(port, timeout=_LOOK)) for port in ports]
         connection.send(None)
         while (reading := connection.recv()) is not None:
             connection.send(_read(lines, reading))
@@ -65,14 +69,14 @@ def _read(lines: Sequence[Any], reading: Reading) -> NDArray[np.int64]:
     stamps, decoder = array("q"), FrameDecoder()
     heard = reading.start
     while len(stamps) < reading.count:
-        for line in lines if len(lines) == 1 else select.select(lines, [], [], _QUIET / 2)[0]:
+        for line in lines if len(lines) == 1 else select.select(lines, [], [], _LOOK)[0]:
             data = line.read(line.in_waiting or 1)
             now = time.monotonic_ns()
             if data:
                 heard = now
             frames = len(decoder.feed(data)) if reading.decode else data.count(0)
             stamps.extend([now] * frames)
-        if time.monotonic_ns() - heard > _QUIET * 1e9:
+        if time.monotonic_ns() - heard > reading.patience * 1e9:
             break
     return np.array(stamps)
 

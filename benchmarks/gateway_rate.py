@@ -24,6 +24,8 @@ _RESOLUTION = 1.1
 _TRIES = 2
 """A rate that another job on the machine spoils is tried again."""
 _DISTINCT = 1000
+_GRACE = 1.0
+"""Seconds after the last byte in which all must have arrived."""
 _PATIENCE = 10.0
 
 
@@ -108,7 +110,7 @@ def _through_gateway(
     (sent,) = fingers.ask(
         Job((0,), (0.0,), count, rate, gateway_fingers.start_of_job(count)), _PATIENCE + 2 * seconds + 1e-4 * count
     )
-    (received,) = subscriber.ask((len(sent.stamps), 1.0), _PATIENCE)
+    (received,) = subscriber.ask((len(sent.stamps), _GRACE), _PATIENCE)
     (after,) = gateway.statuses()
     losses = {
         "missing": len(sent.stamps) - len(received.keys),
@@ -121,7 +123,7 @@ def _through_gateway(
 
 def _bare(rate: float, seconds: float, fingers: Worker, reader: Worker, decode: bool) -> Trial:
     count, start = round(rate * seconds), gateway_fingers.start_of_job(_DISTINCT)
-    reader.tell(Reading(count, start, decode))
+    reader.tell(Reading(count, start, _GRACE, decode))
     (sent,) = fingers.ask(Job((1,), (0.0,), count, rate, start, _DISTINCT), _PATIENCE + 2 * seconds)
     missing = len(sent.stamps) - len(reader.answer(_PATIENCE + seconds))
     return _judged(sent, count, seconds, {"missing": missing} if missing else {})
