@@ -1,6 +1,6 @@
 """Which devices the gateway serves and how it understands them, from its environment.
 
-`PRETOUCH_GATEWAY_DEVICES` is either `name=address,name=address`, or the path of a TOML file that says more:
+`PRETOUCH_GATEWAY_DEVICES` is either `name=port,name=port`, or the path of a TOML file that says more:
 
     recordings = "recordings"                # folder; left out: nothing can be recorded
 
@@ -38,7 +38,7 @@ VARIABLE = "PRETOUCH_GATEWAY_DEVICES"
 _NAME = re.compile(r"[\w.-]{1,64}")
 _REPLAY = "replay:"
 _REMEDY = (
-    f"Set {VARIABLE} to name=address,name=address, or to the path of a .toml file: a name is of letters, digits, "
+    f"Set {VARIABLE} to name=port,name=port, or to the path of a .toml file: a name is of letters, digits, "
     "'-', '_' and '.'."
 )
 DEFAULT_BAUD = 115_200
