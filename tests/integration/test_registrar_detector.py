@@ -161,12 +161,16 @@ async def test_the_detector_proposes_and_names_what_is_ready() -> None:
     async with served("detector", detector_running, DetectorServiceStub) as stub:
         listed = (await stub.ListProposers(detector_pb2.ListProposersRequest(), timeout=60)).proposers
         ready = [info.name for info in listed if info.ready]
-        assert ready == ["stability", "random"]
+        assert ready == ["stability", "random", "narf"]
         assert all(info.reason for info in listed if not info.ready)
         scene = scene_to_proto(SCENE)
         answer = await stub.Propose(detector_pb2.ProposeRequest(scene=scene, count=7), timeout=60)
         assert answer.proposer == "stability"
         assert len(answer.regions) == 7
+        same = await stub.Propose(detector_pb2.ProposeRequest(scene=scene, proposer="narf", seed=1), timeout=60)
+        assert same.proposer == "narf"
+        assert 1 <= len(same.regions) <= 20
+        assert same == await stub.Propose(detector_pb2.ProposeRequest(scene=scene, proposer="narf", seed=2), timeout=60)
         unready = detector_pb2.ProposeRequest(scene=scene, proposer="deep")
         assert isinstance(await refusal(stub.Propose(unready, timeout=60)), Unavailable)
         unknown = detector_pb2.ProposeRequest(scene=scene, proposer="oracle")

@@ -14,6 +14,7 @@ from pretouch.session import Proposer
 from pretouch.tof import Sensor
 
 READY = [proposer for proposer, reason in readiness() if not reason]
+OF_CANDIDATES = [proposer for proposer in READY if proposer is not Proposer.NARF]
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +22,7 @@ def scene() -> Scene:
     return World((Box.standing((0.10, 0.06, 0.05), yaw=0.4),)).scene()
 
 
-@pytest.mark.parametrize("proposer", READY)
+@pytest.mark.parametrize("proposer", OF_CANDIDATES)
 def test_regions_keep_the_rules_of_algorithm_1_and_repeat(scene: Scene, proposer: Proposer) -> None:
     regions = propose(scene, proposer, Sensor(), 20, 7).regions
     assert 10 <= len(regions) <= 20
@@ -61,8 +62,8 @@ def test_left_out_the_best_ready_proposer_is_taken_and_named(scene: Scene) -> No
 
 def test_a_proposer_that_is_not_ready_is_refused_with_those_that_are(scene: Scene) -> None:
     with pytest.raises(Unavailable) as raised:
-        propose(scene, Proposer.NARF, Sensor(), 3, 0)
-    assert "random" in raised.value.remedy
+        propose(scene, Proposer.DEEP, Sensor(), 3, 0)
+    assert {"random", "narf"} <= set(raised.value.remedy.rstrip(".").removeprefix("Choose one of ").split(", "))
 
 
 @pytest.mark.parametrize("count", [0, 201])

@@ -14,18 +14,18 @@ from pretouch.errors import InvalidInput, Unavailable
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Sensor
-from pretouch_detector.proposals import random, stability
+from pretouch_detector.proposals import narf, random, stability
 from pretouch_detector.proposals.region import ProposedRegion
 
 MAX_REGIONS = 200
 READY: dict[Proposer, Callable[[Scene, Sensor, int, np.random.Generator], list[ProposedRegion]]] = {
     Proposer.STABILITY: stability.propose,
     Proposer.RANDOM: random.propose,
+    Proposer.NARF: narf.propose,
 }
 """The proposers that can be used, the best first."""
 _NOT_READY = {
     Proposer.DEEP: "This version ships no trained network.",
-    Proposer.NARF: "This version does not compute NARF keypoints.",
 }
 
 

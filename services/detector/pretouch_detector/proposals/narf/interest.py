@@ -1,0 +1,139 @@
+"""How interesting a pixel is: strong surface changes of different directions nearby, but not too near.
+
+After Steder et al., "Point Feature Extraction on 3D Range Scans Taking into Account Object Boundaries", ICRA 2011,
+section IV, as PCL computes its complete interest image.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pretouch_detector.proposals.narf.change import Change
+from pretouch_detector.proposals.narf.range_image import Floats, RangeImage
+
+_BINS = 18
+"""Bins of the histogram of directions over half a turn."""
+_LEAST_CHANGE = np.float32(0.2)
+_STABLE_DISTANCE = np.float32(0.25)
+"""Of half the support size: a surface change nearer than this makes a point unstable."""
+_ALWAYS_PX, _FULL_PX = 2, 1
+"""Pixels this near belong to the pixel's surroundings however far away; and count with all of their score."""
+_ZERO, _ONE, _TWO, _HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
+_PI, _DEGREE = np.float32(np.pi), np.float32(0.017453293)
+_RIGHT, _STRAIGHT = np.float32(90) * _DEGREE, np.float32(180) * _DEGREE
+
+
+def interest(
+    image: RangeImage, change: Change, hidden: NDArray[np.bool_], where: NDArray[np.bool_], support: float
+) -> Floats:
+    """(h, w) in [0, 1], of the pixels `where` (h, w); 0 elsewhere and on `hidden` ones (shadow borders, veil points).
+
+    Args:
+        support: m, the size of what a keypoint's surroundings cover; so much is interesting at once.
+    """
+    h, w = image.ranges.shape
+    framed = np.full((7, h + 2, w + 2), np.nan, np.float32)
+    inner = framed[:, 1:-1, 1:-1]
+    inner[:3] = np.where(hidden, np.float32(np.nan), np.moveaxis(image.points, -1, 0))
+    inner[3], inner[4:] = change.scores, np.moveaxis(change.directions, -1, 0)
+    centres = np.flatnonzero(np.pad(where & np.isfinite(image.ranges) & ~hidden, 1))
+    values = np.zeros((h + 2) * (w + 2), np.float32)
+    _interest(np.moveaxis(framed, 0, -1).reshape(-1, 7), centres, w + 2, np.float32(support), values)
+    return np.ascontiguousarray(values.reshape(h + 2, w + 2)[1:-1, 1:-1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _interest(pixels: Floats, centres: NDArray[np.int64], width: int, support: np.float32, values: Floats) -> None:
+    """Of the pixels `centres` (n,), each among those that can be reached from it without leaving half of `support`.
+
+    `pixels` (k, 7) are rows of `width` framed by ones that are not to be entered: point (NaN: not to be entered), score
+    and direction of the change.
+    """
+    radius = _HALF * support
+    square_radius, inverse_radius = radius * radius, _ONE / radius
+    around = np.array([-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1])
+    far = _ALWAYS_PX * (width + 1)
+    pixels_away = np.full(2 * far + 1, _ALWAYS_PX + 1)
+    for dv in range(-_ALWAYS_PX, _ALWAYS_PX + 1):
+        for du in range(-_ALWAYS_PX, _ALWAYS_PX + 1):
+            pixels_away[dv * width + du + far] = max(abs(dv), abs(du))
+    reached = np.full(len(pixels), -1, np.int32)
+    queue = np.empty(len(pixels), np.int32)
+    bins = np.empty(_BINS, np.float32)
+    frame = np.empty(6, np.float32)
+    for centre in centres:
+        px, py, pz = pixels[centre, 0], pixels[centre, 1], pixels[centre, 2]
+        _image_axes(px, py, pz, frame)
+        bins[:] = _ZERO
+        weakest, steady = _ZERO, _ONE
+        first, last = 0, 1
+        queue[0] = reached[centre] = centre
+        while first < last:
+            k = np.int64(queue[first])
+            first += 1
+            ex, ey, ez = pixels[k, 0] - px, pixels[k, 1] - py, pixels[k, 2] - pz
+            square = ex * ex + ey * ey + ez * ez
+            away = far + 1 if abs(k - centre) > far else pixels_away[k - centre + far]
+            if square > square_radius and away > _ALWAYS_PX:
+                continue
+            for step in around:
+                if reached[k + step] != centre:
+                    reached[k + step] = centre
+                    if not np.isnan(pixels[k + step, 0]):
+                        queue[last] = k + step
+                        last += 1
+            score = pixels[k, 3]
+            if score < _LEAST_CHANGE:
+                continue
+            near = inverse_radius * np.sqrt(square)
+            unsteady = _ONE - _HALF * score * max(_ONE - near / _STABLE_DISTANCE, _ZERO)
+            steady = min(steady, unsteady * unsteady)
+            strength = score if away <= _FULL_PX else score * (_ONE - near)
+            if strength > weakest:
+                across = frame[0] * pixels[k, 4] + frame[1] * pixels[k, 5] + frame[2] * pixels[k, 6]
+                along = frame[3] * pixels[k, 4] + frame[4] * pixels[k, 5] + frame[5] * pixels[k, 6]
+                length = np.sqrt(across * across + along * along)
+                cell = _bin(across / length if length > _ZERO else across)
+                if strength > bins[cell]:
+                    bins[cell] = strength
+                    weakest = bins.min()
+        values[centre] = steady * _variety(bins)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _image_axes(x: np.float32, y: np.float32, z: np.float32, frame: Floats) -> None:
+    """Writes the axes left and up, across the ray to a point and in the camera frame, to `frame` (6,)."""
+    length = np.sqrt(x * x + (y * y + z * z))
+    x, y, z = x / length, y / length, z / length
+    length = np.sqrt(z * z + x * x)
+    ax, az = -z / length, x / length
+    bx, by, bz = y * az, z * ax - x * az, -(y * ax)
+    length = np.sqrt(bx * bx + (by * by + bz * bz))
+    frame[0], frame[1], frame[2] = ax, _ZERO, az
+    frame[3], frame[4], frame[5] = bx / length, by / length, bz / length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bin(cosine: np.float32) -> int:
+    """The bin of a direction in the image plane, given the cosine of its angle to the image's u axis.
+
+    PCL knows the angle by its cosine alone: directions that mirror each other at the u axis share a bin.
+    """
+    turned = _TWO * np.arccos(cosine)
+    angle = _HALF * (np.fmod(turned + _PI, _TWO * _PI) - _PI)
+    return min(_BINS - 1, int(np.floor((angle + _RIGHT) / _STRAIGHT * np.float32(_BINS))))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _variety(bins: Floats) -> np.float32:
+    """In [0, 1]: the two strongest changes whose directions differ most."""
+    best = _ZERO
+    for a in range(_BINS - 1):
+        if bins[a] == _ZERO:
+            continue
+        for b in range(a + 1, _BINS):
+            apart = _TWO * np.float32(b - a) / np.float32(_BINS)
+            best = max(best, bins[a] * bins[b] * min(apart, _TWO - apart))
+    return np.sqrt(best)

@@ -1,0 +1,130 @@
+"""Proposer `narf`: a rectangle about each keypoint by the paper's rule, nothing left to chance."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from pretouch_detector.proposals import narf, propose
+from pretouch_detector.proposals.narf.rectangles import region
+from scenes import KINECT, Box, World
+
+from pretouch.camera import Camera, DepthImage
+from pretouch.geometry import Plane, Pose
+from pretouch.scene import Scene
+from pretouch.session import Proposer
+from pretouch.tof import Sensor
+
+CAMERA = Camera(500.0, 500.0, 100.0, 80.0)
+FACING = np.hstack([np.eye(3), np.zeros((3, 1))]).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return World((Box.standing((0.10, 0.07, 0.12), yaw=0.5),)).scene(KINECT, np.random.default_rng(3))
+
+
+def descriptor(**elements: float) -> np.ndarray:
+    values = np.full(36, -0.1, np.float32)
+    for name, value in elements.items():
+        values[int(name[1:])] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("elements", "theta", "aspect", "confidence"),
+    [
+        ({"b9": 0.4, "b18": 0.2}, 0.0, 2.0, 0.6),  # falls away to the right, and downwards
+        ({"b9": 0.4, "b0": 0.3, "b18": 0.1}, 0.0, 4 / 3, 0.7),  # the larger of the two across
+        ({"b0": 0.3, "b27": 0.3}, -np.pi / 2, 1.0, 0.6),
+        ({"b12": 0.4, "b21": 0.4}, np.radians(30), 1.0, 0.8),
+        (
+            {"b33": 0.2, "b24": 0.1},
+            np.radians(60),
+            2.0,
+            0.3,
+        ),  # the beam to the upper left is the axis to the lower right
+        ({"b9": 0.4, "b0": 0.01}, 0.0, 3.3, 0.41),
+        ({"b9": 0.4}, 0.0, 3.3, 0.3),  # rises on both sides across
+        ({"b9": -0.05}, 0.0, 3.3, 0.0),  # a pit
+    ],
+)
+def test_the_rectangle_of_a_descriptor(
+    elements: dict[str, float], theta: float, aspect: float, confidence: float
+) -> None:
+    found = region(np.array([80, 100]), descriptor(**elements), FACING, CAMERA, 1200.0)
+    rectangle = found.rectangle
+    assert (rectangle.x, rectangle.y) == (100.0, 80.0)
+    assert rectangle.theta == pytest.approx(theta, abs=1e-6)
+    assert rectangle.w * rectangle.h == pytest.approx(1200.0)
+    assert rectangle.w / rectangle.h == pytest.approx(aspect, rel=1e-5)
+    assert found.confidence == pytest.approx(confidence, abs=1e-6)
+
+
+def test_the_first_axis_is_turned_as_the_camera_sees_it() -> None:
+    tilt = np.radians(60)  # the patch leans back: its downward axis comes towards the camera
+    pose = np.zeros((3, 4), np.float32)
+    pose[:, :3] = [[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]]
+    found = region(np.array([80, 100]), descriptor(b14=0.3, b23=0.3), pose, CAMERA, 100.0)
+    beam = np.radians(140)
+    assert found.rectangle.theta == pytest.approx(np.arctan2(-np.cos(beam) * np.cos(tilt), np.sin(beam)), abs=1e-5)
+
+
+def test_each_region_is_about_a_keypoint_and_half_the_bounding_rectangle(scene: Scene) -> None:
+    regions = propose(scene, Proposer.NARF, Sensor(), 20, 0).regions
+    assert 3 <= len(regions) <= 20
+    left, top, right, bottom = scene.bounds()
+    for found in regions:
+        rectangle = found.rectangle
+        assert scene.mask[int(rectangle.y), int(rectangle.x)]
+        assert rectangle.w * rectangle.h == pytest.approx((right - left) * (bottom - top) / 2)
+        assert 0 <= found.confidence <= 1
+    assert [r.confidence for r in regions] == sorted((r.confidence for r in regions), reverse=True)
+    assert len({(r.rectangle.x, r.rectangle.y) for r in regions}) == len(regions)
+
+
+def test_nothing_is_left_to_chance_and_a_smaller_count_takes_the_surest(scene: Scene) -> None:
+    regions = propose(scene, Proposer.NARF, Sensor(), 200, 0).regions
+    assert regions == propose(scene, Proposer.NARF, Sensor(), 200, 1).regions
+    assert regions[:2] == propose(scene, Proposer.NARF, Sensor(), 2, 2).regions
+
+
+def test_the_image_around_the_object_does_not_matter(scene: Scene) -> None:
+    view, (u0, v0) = scene.cropped(0.15)
+    regions = propose(view, Proposer.NARF, Sensor(), 20, 0).regions
+    expected = propose(scene, Proposer.NARF, Sensor(), 20, 0).regions
+    assert [r.rectangle.shifted(u0, v0) for r in regions] == [r.rectangle for r in expected]
+
+
+def test_a_plain_sheet_has_no_keypoint_and_so_no_region() -> None:
+    mask = np.zeros((120, 160), np.bool_)
+    mask[40:80, 60:100] = True
+    sheet = Scene(
+        DepthImage(np.full(mask.shape, 0.9, np.float32)),
+        CAMERA,
+        Pose.identity(),
+        mask,
+        Plane(np.array([0, 0, 1.0]), 0.0),
+    )
+    assert propose(sheet, Proposer.NARF, Sensor(), 20, 0).regions == []
+
+
+def test_naming_the_proposers_does_not_import_numba() -> None:
+    script = "import sys, pretouch_detector.proposals; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], timeout=120, check=False).returncode == 0
+
+
+def test_after_the_warm_up_a_request_compiles_nothing(scene: Scene) -> None:
+    from pretouch_detector.proposals.narf import borders, change, descriptor, interest, order, surface
+
+    kernels = [
+        value
+        for module in (borders, change, descriptor, interest, order, surface)
+        for value in vars(module).values()
+        if hasattr(value, "signatures")
+    ]
+    narf.warm_up()
+    before = [len(kernel.signatures) for kernel in kernels]
+    propose(scene, Proposer.NARF, Sensor(), 20, 0)
+    assert [len(kernel.signatures) for kernel in kernels] == before
+    assert sum(before) > 0
