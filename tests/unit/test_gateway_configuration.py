@@ -96,9 +96,9 @@ def test_as_many_modules_must_be_calibrated_as_are_described(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("a=", "address"),
-        ("/dev/ttyUSB0", "no device name|empty"),
-        ("=/dev/x", "no device name"),
+        ("a=", "not name=port"),
+        ("/dev/ttyUSB0", "not name=port"),
+        ("=/dev/x", "not name=port"),
         ("a b=/dev/x", "no device name"),
         ("a=/dev/x,a=/dev/y", "twice"),
         ("a=nonsense://x", "another kind"),

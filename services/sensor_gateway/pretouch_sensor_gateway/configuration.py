@@ -107,6 +107,8 @@ def gateway_from(environment: Mapping[str, str]) -> GatewaySetting:
     devices: list[DeviceSetting] = []
     for entry in filter(None, map(str.strip, said.split(","))):
         name, _, address = map(str.strip, entry.partition("="))
+        if not name or not address:
+            raise InvalidInput(f"{VARIABLE} holds {entry!r}, which is not name=port.", _REMEDY)
         if name in (other.name for other in devices):
             raise InvalidInput(f"{VARIABLE} names the device {name!r} twice.", "Give each device its own name.")
         with at(f"{VARIABLE}: {entry}"):
