@@ -7,12 +7,12 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.camera import Camera, DepthImage
-from pretouch.geometry import Array
 
 SOURCE = Path(__file__).resolve().parent / "pcl" / "narf_oracle.cpp"
 BEAMS = 36
@@ -46,9 +46,11 @@ class Answer:
         obstacle: (4, h, w); shadow, veil: (h, w): the border traits.
         change, directions: (h, w), (h, w, 3) surface change.
         interest: (h, w), the complete interest image.
-        keypoints: (n, 4) as x, y, z, m, in the camera frame, and interest.
+        sparse: (h, w), the sparse one, PCL's default.
+        keypoints: (n, 4) as x, y, z, m, in the camera frame, and interest; of the complete image.
+        sparse_keypoints: (m, 4), of the sparse one.
         described: (n,) whether the keypoint has a descriptor; descriptors: (n, 36), without rotation.
-        ms: of everything but the files.
+        ms: of everything but the sparse image and the files.
     """
 
     first_scores: Floats
@@ -59,7 +61,9 @@ class Answer:
     change: Floats
     directions: Floats
     interest: Floats
+    sparse: Floats
     keypoints: Floats
+    sparse_keypoints: Floats
     described: NDArray[np.bool_]
     descriptors: Floats
     ms: float
@@ -105,7 +109,7 @@ def ask(program: Path, questions: Sequence[Question], timeout: float) -> list[An
 def _read(data: bytes, shapes: Sequence[tuple[int, ...]]) -> Iterator[Answer]:
     at = 0
 
-    def take(kind: str, *shape: int) -> Array:
+    def take(kind: str, *shape: int) -> NDArray[Any]:
         nonlocal at
         count = int(np.prod(shape))
         values = np.frombuffer(data, kind, count, at).reshape(shape)
@@ -115,8 +119,10 @@ def _read(data: bytes, shapes: Sequence[tuple[int, ...]]) -> Iterator[Answer]:
     for h, w in shapes:
         first, scores = take("<f4", 4, h, w), take("<f4", 4, h, w)
         traits = take("<i4", h, w)
-        change, directions, interest = take("<f4", h, w), take("<f4", 3, h, w), take("<f4", h, w)
+        change, directions = take("<f4", h, w), take("<f4", 3, h, w)
+        interest, sparse = take("<f4", h, w), take("<f4", h, w)
         points = take("<i4", int(take("<i4", 1)[0]), 4 + 1 + BEAMS)
+        sparse_points = take("<f4", int(take("<i4", 1)[0]), 4)
         yield Answer(
             first,
             scores,
@@ -126,7 +132,9 @@ def _read(data: bytes, shapes: Sequence[tuple[int, ...]]) -> Iterator[Answer]:
             change,
             np.moveaxis(directions, 0, -1),
             interest,
+            sparse,
             points[:, :4].view("<f4"),
+            sparse_points,
             points[:, 4].astype(bool),
             points[:, 5:].view("<f4"),
             float(take("<f4", 1)[0]),

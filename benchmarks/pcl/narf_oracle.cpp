@@ -5,8 +5,10 @@
 // float32 depth[height][width] in m, 0 = none.
 // ANSWERS, for each image, planes of [height][width]: float32 border scores left, right, top, bottom as first computed;
 // the same four as they stand after the search for shadows; int32 bits of the border traits; float32 surface change;
-// float32 its direction x, y, z; float32 interest. Then int32 n and, n times, float32 x, y, z, interest of a keypoint,
-// int32 whether it has a descriptor, float32 descriptor[36]. Last, float32 ms: all of this but the files.
+// float32 its direction x, y, z; float32 interest, complete; float32 interest as PCL computes it unless told, sparse.
+// Then int32 n and, n times, float32 x, y, z, interest of a keypoint of the complete image, int32 whether it has a
+// descriptor, float32 descriptor[36]; int32 m and, m times, float32 x, y, z, interest of a keypoint of the sparse image.
+// Last, float32 ms: all of this but the sparse image and the files.
 #include <pcl/features/narf.h>
 #include <pcl/features/range_image_border_extractor.h>
 #include <pcl/keypoints/narf_keypoint.h>
@@ -30,6 +32,16 @@ bool read(std::ifstream& file, T* values, std::size_t count) {
 template <typename T>
 void write(std::ofstream& file, const T* values, std::size_t count) {
   file.write(reinterpret_cast<const char*>(values), sizeof(T) * count);
+}
+
+void write_count(const pcl::PointCloud<pcl::InterestPoint>& points, std::ofstream& out) {
+  const auto count = static_cast<std::int32_t>(points.size());
+  write(out, &count, 1);
+}
+
+void write_point(const pcl::InterestPoint& point, std::ofstream& out) {
+  const float numbers[4] = {point.x, point.y, point.z, point.strength};
+  write(out, numbers, 4);
 }
 
 class Stopwatch {
@@ -82,19 +94,22 @@ void answer(const pcl::RangeImagePlanar& image, float support, Stopwatch& watch,
   const auto& points = keypoints.getInterestPoints();
   watch.stop();
   write(out, interest, size);
-  const auto count = static_cast<std::int32_t>(points.size());
-  write(out, &count, 1);
+  pcl::NarfKeypoint sparse(&borders, support);
+  write(out, sparse.getInterestImage(), size);
+
+  write_count(points, out);
   for (const auto& point : points) {
     pcl::Narf narf;
     watch.start();
     const std::int32_t described_too = narf.extractFromRangeImage(image, point.getVector3fMap(), kBeams, support);
     watch.stop();
-    const float place[4] = {point.x, point.y, point.z, point.strength};
-    write(out, place, 4);
+    write_point(point, out);
     write(out, &described_too, 1);
     const std::vector<float> none(kBeams, 0.0f);
     write(out, described_too ? narf.getDescriptor() : none.data(), kBeams);
   }
+  write_count(sparse.getInterestPoints(), out);
+  for (const auto& point : sparse.getInterestPoints()) write_point(point, out);
 }
 
 }  // namespace
