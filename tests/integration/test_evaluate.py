@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -124,12 +123,15 @@ def test_an_interrupted_evaluation_goes_on_where_it_stopped(meshes: Path, tmp_pa
     partial = tmp_path / "out.json.partial"
     options = ("--only", "drill", "--scans", "1", "--proposer", "random", "--workers", "1")
     endless = command(meshes, out, *options, "--views", "10000")
-    process = subprocess.Popen(endless, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    give_up = time.monotonic() + 120
-    while not (partial.exists() and partial.read_text().count("\n") > 1) and time.monotonic() < give_up:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=120)
+    with subprocess.Popen(endless, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+        give_up = time.monotonic() + 120
+        while not (partial.exists() and partial.read_text().count("\n") > 1) and time.monotonic() < give_up:
+            time.sleep(0.01)
+        process.terminate()  # a shell's background job ignores SIGINT, and so would this process
+        try:
+            _, said = process.communicate(timeout=120)
+        finally:
+            process.kill()
     assert process.returncode == 130, said
     assert b"the same command goes on" in said
     assert not out.exists()
