@@ -6,6 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 from fake_upstream import FakeUpstream
+from hypothesis import settings
+
+settings.register_profile("untimed", deadline=None)  # how long an example takes is the machine's affair
+settings.load_profile("untimed")
 
 
 @pytest.fixture

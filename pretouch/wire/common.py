@@ -25,14 +25,13 @@ _DTYPES: dict[pb.ScalarType.ValueType, np.dtype[Any]] = {
     pb.SCALAR_TYPE_FLOAT64: np.dtype("<f8"),
     pb.SCALAR_TYPE_UINT32: np.dtype("<u4"),
 }
-_TYPES = {dtype: number for number, dtype in _DTYPES.items()}
+_NAMED = {dtype.str[1:]: (dtype, number) for number, dtype in _DTYPES.items()}
 
 
 def array_to_proto(array: NDArray[np.generic], dtype: str) -> pb.Array:
     """Packs `array` as `dtype`: "u1", "u2", "u4", "f4" or "f8"."""
-    wire_dtype = np.dtype(dtype).newbyteorder("<")
-    data = np.ascontiguousarray(array, dtype=wire_dtype).tobytes()
-    return pb.Array(data=data, shape=array.shape, type=_TYPES[wire_dtype])
+    wire_dtype, number = _NAMED[dtype]
+    return pb.Array(data=np.asarray(array, dtype=wire_dtype).tobytes(), shape=array.shape, type=number)
 
 
 def array_from_proto(message: pb.Array, name: str) -> NDArray[Any]:

@@ -12,6 +12,8 @@ from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.jumps import Jumps
 from pretouch_sensor_gateway.wire_formats.received import Measurement
 
+_JUMP, _WARMING_UP = np.uint8(Flag.JUMP), np.uint8(Flag.WARMING_UP)
+
 
 @dataclass(frozen=True)
 class Timed:
@@ -53,9 +55,10 @@ class Assembler:
         status = np.array([timed.measurement.status for timed in measured], dtype=np.uint8)
         ranges = raw if self.calibration is None else self.calibration.distance(raw)
         warming_up = self.calibration is not None and age < self.calibration.warm_up
-        flags = np.full(raw.shape, Flag.WARMING_UP if warming_up else 0, dtype=np.uint8)
-        for row, (metres, codes) in enumerate(zip(ranges, status, strict=True)):
-            flags[row, self._jumps.judge(metres, codes)] |= np.uint8(Flag.JUMP)
+        judged = [self._jumps.judge(*row) for row in zip(ranges.tolist(), status.tolist(), strict=True)]
+        flags = np.array(judged, dtype=np.uint8) * _JUMP
+        if warming_up:
+            flags |= _WARMING_UP
         return Batch(
             t=np.array([timed.t for timed in measured]),
             time_std=max(timed.time_std for timed in measured),

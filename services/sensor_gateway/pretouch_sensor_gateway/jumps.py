@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pretouch.geometry import Array
 from pretouch_sensor_gateway.wire_formats.received import OK
 
 STEP = 0.012
@@ -31,17 +28,16 @@ class Jumps:
         """Forgets what was believed: the device may have been moved, or be another."""
         self._believed, self._candidate = [], []
 
-    def judge(self, ranges: Array, status: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """(k,) True where the range, m, of a module jumps. Another number of modules starts over."""
+    def judge(self, ranges: Sequence[float], status: Sequence[int]) -> list[bool]:
+        """Of each of k modules, whether its range, m, jumps. Another number of modules starts over."""
         if len(self._believed) != len(ranges):
             self._believed = [math.nan] * len(ranges)
             self._candidate = [math.nan] * len(ranges)
-        jumps = np.zeros(len(ranges), dtype=bool)
-        for k, metres in enumerate(ranges.tolist()):
-            if status[k] != OK or math.isnan(metres):
+        jumps = [False] * len(ranges)
+        for k, (metres, code) in enumerate(zip(ranges, status, strict=True)):
+            if code != OK or math.isnan(metres):
                 continue
-            believed = self._believed[k]
-            if abs(metres - believed) > STEP and not abs(metres - self._candidate[k]) <= STEP:
+            if abs(metres - self._believed[k]) > STEP and not abs(metres - self._candidate[k]) <= STEP:
                 self._candidate[k] = metres
                 jumps[k] = True
             else:

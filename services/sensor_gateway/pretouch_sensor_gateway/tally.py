@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
 from pretouch_sensor_gateway.batch import Batch, Flag
 from pretouch_sensor_gateway.wire_formats.received import OK
 
+_JUMP = np.uint8(Flag.JUMP)
 _RATE_SPAN = 5.0
 """Seconds over which the rate is taken."""
 
@@ -40,14 +42,13 @@ class Tally:
         """Counts a batch that came at host time `at`, s."""
         while len(self.modules) < batch.modules:
             self.modules.append(ModuleTally())
-        returned = (batch.status == OK) & np.isfinite(batch.range)
-        counts = zip(returned.sum(axis=0), ((batch.flags & Flag.JUMP) != 0).sum(axis=0), strict=True)
-        for k, (returns, jumps) in enumerate(counts):
-            module = self.modules[k]
-            module.range, module.status = float(batch.range[-1, k]), int(batch.status[-1, k])
-            module.measurements += len(batch)
-            module.returns += int(returns)
-            module.jumps += int(jumps)
+        rows = zip(batch.range.tolist(), batch.status.tolist(), (batch.flags & _JUMP).tolist(), strict=True)
+        for row in rows:
+            for module, metres, status, jump in zip(self.modules, *row, strict=False):
+                module.range, module.status = metres, status
+                module.measurements += 1
+                module.returns += status == OK and isfinite(metres)
+                module.jumps += jump != 0
         self._recent.append((at, len(batch)))
         self._forget(at)
 

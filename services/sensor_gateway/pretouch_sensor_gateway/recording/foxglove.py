@@ -68,16 +68,16 @@ class PointClouds:
             np.frombuffer(data, kind).reshape(shape)[:, : len(self._origins)]
             for data, kind in zip(arrays, ("<f8", "u1", "u1"), strict=True)
         )
-        frame, module = np.nonzero(np.isfinite(ranges))
-        points = np.empty(len(module), _POINT)
+        modules = ranges.shape[1]
+        points = np.empty(ranges.shape, _POINT)
         with np.errstate(over="ignore", invalid="ignore"):  # a range that no float32 holds is drawn at infinity
-            positions = self._origins[module] + ranges[frame, module, None] * self._directions[module]
-            points["x"], points["y"], points["z"] = positions.T
-        points["module"] = module
-        points["status"] = status[frame, module]
-        points["flags"] = flags[frame, module]
+            positions = self._origins[:modules] + ranges[..., None] * self._directions[:modules]
+            points["x"], points["y"], points["z"] = positions.T.swapaxes(1, 2)
+        points["module"] = np.arange(modules)
+        points["status"], points["flags"] = status, flags
+        seen = points[np.isfinite(ranges)]
         # Serialised messages that follow one another are read as one, so what never changes is serialised once.
-        return self._unchanging + PointCloud(timestamp=_stamp(time), data=points.tobytes()).SerializeToString()
+        return self._unchanging + PointCloud(timestamp=_stamp(time), data=seen.tobytes()).SerializeToString()
 
 
 def transforms(device: str, tip_T_module: Sequence[Pose], time: int) -> bytes:

@@ -14,6 +14,8 @@ from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.recorder import Recorder
 from pretouch_sensor_gateway.recording.series import FileSeries
 
+_GATHER = 0.005
+"""Seconds that a batch waits to be written: who listens gets it first, and what comes meanwhile is one write."""
 _LAST_WRITE = 10.0
 """Seconds that the end of the gateway waits for a disk that hangs."""
 
@@ -83,6 +85,7 @@ class RecordingWriter:
         ending = False
         while not ending:
             self._something_to_write.wait()
+            time.sleep(_GATHER)
             self._something_to_write.clear()
             ending = self._ending
             for recorder in self._recorders:
