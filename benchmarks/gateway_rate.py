@@ -20,7 +20,8 @@ TOLERANCE = 0.02
 """Share of its time by which a device may end late."""
 _HICCUP = 0.02
 """Seconds more, for a machine that does other things too."""
-_RESOLUTION = 1.1
+_RESOLUTION, _STEP_DOWN = 1.1, 1.25
+"""Ratios of neighbouring rates, in seeking and in lowering one that does not last."""
 _TRIES = 2
 """A rate that another job on the machine spoils is tried again."""
 _DISTINCT = 1000
@@ -96,7 +97,7 @@ def _highest(
         middle = (rate * above) ** 0.5
         rate, above = (middle, above) if held(middle, probe) else (rate, middle)
     while not held(rate, seconds):
-        rate /= _RESOLUTION
+        rate /= _STEP_DOWN
         if rate < search[0] / 2:
             raise RuntimeError(f"{name} holds no rate: {why[-1]}")
     return {"highest_hz": rate, "held_s": seconds, "beyond": why[-1] if why else ""}

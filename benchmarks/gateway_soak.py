@@ -1,7 +1,7 @@
 """Whether the gateway's memory stays where it is: devices, listeners and recordings for a while.
 
-The history of the last ten minutes grows until they are over, by a known number of bytes a frame; its growth is told
-apart, so that what remains should be flat from the first minute on.
+The history of the last ten minutes lies in a ring for each device, which doubles until it holds them: at 30 Hz for the
+last time after nine minutes. What it takes is known to the byte and told apart, so that the rest should be flat.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ RATE = 30.0
 DEVICES = 8
 _HISTORY_ROW = 8 + 8 + MODULES * (8 + 1 + 1)
 """Bytes of a frame in the history: time, its sigma, and the range, status and flags of each module."""
+_FIRST_ROOM = 1024
 _PATIENCE = 30.0
 
 
@@ -49,7 +50,7 @@ def measure(seconds: float, interval: float, seed: int, advance: Callable[[str],
         recorded = sum(path.stat().st_size for path in Path(folder).rglob("*.mcap"))
     t = np.array([at for at, _ in samples])
     rss = np.array([usage.rss for _, usage in samples]) / 1e3
-    history = DEVICES * _HISTORY_ROW / 1e3 * np.minimum(RATE * np.clip(t, 0, SPAN), MAX_FRAMES)
+    history = DEVICES * _HISTORY_ROW / 1e3 * np.array([_ring(RATE * at) for at in t])
     minute = min(60.0, seconds / 3)
     later = t >= minute
     return {
@@ -71,6 +72,14 @@ def measure(seconds: float, interval: float, seed: int, advance: Callable[[str],
         "t_s": t.round(2).tolist(),
         "rss_kb": rss.tolist(),
     }
+
+
+def _ring(frames: float) -> int:
+    """Frames for which a device's history has room after so many."""
+    room = _FIRST_ROOM
+    while room < frames and room <= RATE * SPAN and room < MAX_FRAMES:
+        room *= 2
+    return room
 
 
 def _slope(t: np.ndarray, kilobytes: np.ndarray) -> float:
