@@ -1,5 +1,7 @@
 """Proposer `narf`: a rectangle about each keypoint by the paper's rule, nothing left to chance."""
 
+import importlib
+import pkgutil
 import subprocess
 import sys
 
@@ -115,14 +117,8 @@ def test_naming_the_proposers_does_not_import_numba() -> None:
 
 
 def test_after_the_warm_up_a_request_compiles_nothing(scene: Scene) -> None:
-    from pretouch_detector.proposals.narf import borders, change, descriptor, interest, order, surface
-
-    kernels = [
-        value
-        for module in (borders, change, descriptor, interest, order, surface)
-        for value in vars(module).values()
-        if hasattr(value, "signatures")
-    ]
+    modules = [importlib.import_module(m.name) for m in pkgutil.iter_modules(narf.__path__, f"{narf.__name__}.")]
+    kernels = [value for module in modules for value in vars(module).values() if hasattr(value, "signatures")]
     narf.warm_up()
     before = [len(kernel.signatures) for kernel in kernels]
     propose(scene, Proposer.NARF, Sensor(), 20, 0)

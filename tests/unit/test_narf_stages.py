@@ -7,6 +7,7 @@ from pretouch_detector.proposals.narf.change import Change, change
 from pretouch_detector.proposals.narf.descriptor import BEAMS, descriptors
 from pretouch_detector.proposals.narf.interest import interest
 from pretouch_detector.proposals.narf.keypoints import MIN_INTEREST, keypoints
+from pretouch_detector.proposals.narf.promising import promising
 from pretouch_detector.proposals.narf.range_image import RangeImage, range_image
 from pretouch_detector.proposals.narf.surface import Surface, surface
 from scenes import KINECT, Box, World
@@ -134,6 +135,19 @@ def test_interest_is_asked_for_where_it_is_wanted(image: RangeImage, found: Bord
     values = interest(image, changes, hidden, everywhere, SUPPORT)
     np.testing.assert_array_equal(interest(image, changes, hidden, some, SUPPORT), np.where(some, values, 0))
     assert not values[hidden].any()
+
+
+def test_nothing_of_interest_is_ruled_out_and_most_of_the_rest_is() -> None:
+    noisy = World((Box.standing((0.10, 0.07, 0.12), yaw=0.5),)).scene(KINECT, np.random.default_rng(1)).cropped(0.04)[0]
+    image = range_image(noisy.depth, noisy.camera)
+    planes = surface(image)
+    found = borders(image, planes)
+    changes, hidden = change(image, planes, found), found.shadow | found.veil
+    values = interest(image, changes, hidden, noisy.mask, SUPPORT)
+    left = promising(image, changes, hidden, noisy.mask, SUPPORT, MIN_INTEREST)
+    assert (values >= MIN_INTEREST).any()
+    assert not (values >= MIN_INTEREST)[~left].any()
+    assert left.sum() < 0.5 * noisy.mask.sum()
 
 
 @pytest.mark.parametrize(("side", "beam"), [("up", 0), ("right", 9), ("down", 18), ("left", 27)])

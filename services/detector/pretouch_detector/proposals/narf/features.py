@@ -12,7 +12,8 @@ from pretouch_detector.proposals.narf.borders import borders
 from pretouch_detector.proposals.narf.change import change
 from pretouch_detector.proposals.narf.descriptor import descriptors
 from pretouch_detector.proposals.narf.interest import interest
-from pretouch_detector.proposals.narf.keypoints import keypoints
+from pretouch_detector.proposals.narf.keypoints import MIN_INTEREST, keypoints
+from pretouch_detector.proposals.narf.promising import promising
 from pretouch_detector.proposals.narf.range_image import Floats, range_image
 from pretouch_detector.proposals.narf.surface import surface
 
@@ -38,7 +39,9 @@ def features(depth: DepthImage, camera: Camera, where: NDArray[np.bool_], suppor
     image = range_image(depth, camera)
     planes = surface(image)
     found = borders(image, planes)
-    values = interest(image, change(image, planes, found), found.shadow | found.veil, where, support)
+    changes, hidden = change(image, planes, found), found.shadow | found.veil
+    candidates = promising(image, changes, hidden, where, support, float(MIN_INTEREST))
+    values = interest(image, changes, hidden, candidates, support)
     pixels = keypoints(values, image.points, support)
     described, poses = descriptors(image, pixels, support)
     return Features(pixels, values[pixels[:, 0], pixels[:, 1]], described, poses)

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from pretouch_detector.proposals.narf.change import Change
 from pretouch_detector.proposals.narf.range_image import Floats, RangeImage
 
-_BINS = 18
+BINS = 18
 """Bins of the histogram of directions over half a turn."""
-_LEAST_CHANGE = np.float32(0.2)
+LEAST_CHANGE = np.float32(0.2)
 _STABLE_DISTANCE = np.float32(0.25)
 """Of half the support size: a surface change nearer than this makes a point unstable."""
-_ALWAYS_PX, _FULL_PX = 2, 1
+ALWAYS_PX, FULL_PX = 2, 1
 """Pixels this near belong to the pixel's surroundings however far away; and count with all of their score."""
+_NEVER = np.iinfo(np.int32).max
 _ZERO, _ONE, _TWO, _HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
 _PI, _DEGREE = np.float32(np.pi), np.float32(0.017453293)
 _RIGHT, _STRAIGHT = np.float32(90) * _DEGREE, np.float32(180) * _DEGREE
@@ -54,18 +55,18 @@ def _interest(pixels: Floats, centres: NDArray[np.int64], width: int, support: n
     radius = _HALF * support
     square_radius, inverse_radius = radius * radius, _ONE / radius
     around = np.array([-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1])
-    far = _ALWAYS_PX * (width + 1)
-    pixels_away = np.full(2 * far + 1, _ALWAYS_PX + 1)
-    for dv in range(-_ALWAYS_PX, _ALWAYS_PX + 1):
-        for du in range(-_ALWAYS_PX, _ALWAYS_PX + 1):
+    far = ALWAYS_PX * (width + 1)
+    pixels_away = np.full(2 * far + 1, ALWAYS_PX + 1)
+    for dv in range(-ALWAYS_PX, ALWAYS_PX + 1):
+        for du in range(-ALWAYS_PX, ALWAYS_PX + 1):
             pixels_away[dv * width + du + far] = max(abs(dv), abs(du))
-    reached = np.full(len(pixels), -1, np.int32)
+    reached = np.where(np.isnan(pixels[:, 0]), _NEVER, -1).astype(np.int32)
     queue = np.empty(len(pixels), np.int32)
-    bins = np.empty(_BINS, np.float32)
+    bins = np.empty(BINS, np.float32)
     frame = np.empty(6, np.float32)
     for centre in centres:
         px, py, pz = pixels[centre, 0], pixels[centre, 1], pixels[centre, 2]
-        _image_axes(px, py, pz, frame)
+        image_axes(px, py, pz, frame)
         bins[:] = _ZERO
         weakest, steady = _ZERO, _ONE
         first, last = 0, 1
@@ -76,26 +77,22 @@ def _interest(pixels: Floats, centres: NDArray[np.int64], width: int, support: n
             ex, ey, ez = pixels[k, 0] - px, pixels[k, 1] - py, pixels[k, 2] - pz
             square = ex * ex + ey * ey + ez * ez
             away = far + 1 if abs(k - centre) > far else pixels_away[k - centre + far]
-            if square > square_radius and away > _ALWAYS_PX:
+            if square > square_radius and away > ALWAYS_PX:
                 continue
             for step in around:
-                if reached[k + step] != centre:
+                if reached[k + step] < centre:
                     reached[k + step] = centre
-                    if not np.isnan(pixels[k + step, 0]):
-                        queue[last] = k + step
-                        last += 1
+                    queue[last] = k + step
+                    last += 1
             score = pixels[k, 3]
-            if score < _LEAST_CHANGE:
+            if score < LEAST_CHANGE:
                 continue
             near = inverse_radius * np.sqrt(square)
             unsteady = _ONE - _HALF * score * max(_ONE - near / _STABLE_DISTANCE, _ZERO)
             steady = min(steady, unsteady * unsteady)
-            strength = score if away <= _FULL_PX else score * (_ONE - near)
+            strength = score if away <= FULL_PX else score * (_ONE - near)
             if strength > weakest:
-                across = frame[0] * pixels[k, 4] + frame[1] * pixels[k, 5] + frame[2] * pixels[k, 6]
-                along = frame[3] * pixels[k, 4] + frame[4] * pixels[k, 5] + frame[5] * pixels[k, 6]
-                length = np.sqrt(across * across + along * along)
-                cell = _bin(across / length if length > _ZERO else across)
+                cell = bin_of(pixels[k, 4:7], frame)
                 if strength > bins[cell]:
                     bins[cell] = strength
                     weakest = bins.min()
@@ -103,7 +100,7 @@ def _interest(pixels: Floats, centres: NDArray[np.int64], width: int, support: n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _image_axes(x: np.float32, y: np.float32, z: np.float32, frame: Floats) -> None:
+def image_axes(x: np.float32, y: np.float32, z: np.float32, frame: Floats) -> None:
     """Writes the axes left and up, across the ray to a point and in the camera frame, to `frame` (6,)."""
     length = np.sqrt(x * x + (y * y + z * z))
     x, y, z = x / length, y / length, z / length
@@ -116,24 +113,33 @@ def _image_axes(x: np.float32, y: np.float32, z: np.float32, frame: Floats) -> N
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _bin(cosine: np.float32) -> int:
-    """The bin of a direction in the image plane, given the cosine of its angle to the image's u axis.
+def bin_of(direction: Floats, frame: Floats) -> int:
+    """The bin of a direction (3,) as seen along the ray whose `image_axes` are `frame` (6,).
 
-    PCL knows the angle by its cosine alone: directions that mirror each other at the u axis share a bin.
+    PCL knows the angle by its cosine alone: directions that mirror each other at the image's u axis share a bin.
     """
-    turned = _TWO * np.arccos(cosine)
+    across = frame[0] * direction[0] + frame[1] * direction[1] + frame[2] * direction[2]
+    along = frame[3] * direction[0] + frame[4] * direction[1] + frame[5] * direction[2]
+    length = np.sqrt(across * across + along * along)
+    turned = _TWO * np.arccos(across / length if length > _ZERO else across)
     angle = _HALF * (np.fmod(turned + _PI, _TWO * _PI) - _PI)
-    return min(_BINS - 1, int(np.floor((angle + _RIGHT) / _STRAIGHT * np.float32(_BINS))))
+    return min(BINS - 1, int(np.floor((angle + _RIGHT) / _STRAIGHT * np.float32(BINS))))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _variety(bins: Floats) -> np.float32:
     """In [0, 1]: the two strongest changes whose directions differ most."""
     best = _ZERO
-    for a in range(_BINS - 1):
+    for a in range(BINS - 1):
         if bins[a] == _ZERO:
             continue
-        for b in range(a + 1, _BINS):
-            apart = _TWO * np.float32(b - a) / np.float32(_BINS)
-            best = max(best, bins[a] * bins[b] * min(apart, _TWO - apart))
+        for b in range(a + 1, BINS):
+            best = max(best, bins[a] * bins[b] * apart(b - a))
     return np.sqrt(best)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def apart(difference: int) -> np.float32:
+    """In [0, 1]: how different the directions of two bins are, `difference` bins from each other."""
+    share = _TWO * np.float32(difference) / np.float32(BINS)
+    return min(share, _TWO - share)

@@ -1,0 +1,90 @@
+"""Which pixels can be of interest at all: a cheap look that rules most of them out.
+
+Whether a pixel's surroundings hang together takes a search. Without it all pixels within reach count, so that what they
+come to bounds the interest from above; and only those on which the surface changes need a look, a small part of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pretouch_detector.proposals.narf.change import Change
+from pretouch_detector.proposals.narf.interest import ALWAYS_PX, BINS, FULL_PX, LEAST_CHANGE, apart, bin_of, image_axes
+from pretouch_detector.proposals.narf.range_image import Floats, RangeImage
+
+_ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
+_ROUNDING = np.float32(1e-5)
+
+
+def promising(
+    image: RangeImage, change: Change, hidden: NDArray[np.bool_], where: NDArray[np.bool_], support: float, least: float
+) -> NDArray[np.bool_]:
+    """(h, w): of the pixels `where` (h, w), all whose interest is `least` or more, and few others."""
+    usable = np.isfinite(image.ranges) & ~hidden
+    strong = usable & (change.scores >= LEAST_CHANGE)
+    columns = np.nonzero(strong)[1].astype(np.int32)
+    # before[v, u]: strong pixels in earlier rows, and in this one to the left of u
+    before = np.zeros((strong.shape[0], strong.shape[1] + 1), np.int32)
+    before[:, 1:] = np.cumsum(strong, dtype=np.int32).reshape(strong.shape)
+    before[1:, 0] = before[:-1, -1]
+    changes = np.column_stack([image.points[strong], change.scores[strong], change.directions[strong]])
+    found = np.zeros(strong.shape, np.bool_)
+    _promising(
+        image.points,
+        image.optics,
+        columns,
+        before,
+        changes,
+        where & usable,
+        np.float32(support),
+        np.float32(least),
+        found,
+    )
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _promising(
+    points: Floats, optics: Floats, columns: NDArray[np.int32], before: NDArray[np.int32], changes: Floats,
+    where: NDArray[np.bool_], support: np.float32, least: np.float32, found: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    h, w = where.shape
+    radius = _HALF * support
+    square_radius, inverse_radius = radius * radius, _ONE / radius
+    enough = least * least * (_ONE - _ROUNDING)
+    bins, frame = np.empty(BINS, np.float32), np.empty(6, np.float32)
+    for v in range(h):
+        for u in range(w):
+            if not where[v, u]:
+                continue
+            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
+            image_axes(x, y, z, frame)
+            bins[:] = _ZERO
+            du, dv = max(h, w), max(h, w)
+            if z > radius:
+                du = ALWAYS_PX + int(radius * np.sqrt(_ONE + x * x / (z * z)) / (z - radius) / optics[0]) + 1
+                dv = ALWAYS_PX + int(radius * np.sqrt(_ONE + y * y / (z * z)) / (z - radius) / optics[1]) + 1
+            for j in range(max(0, v - dv), min(h, v + dv + 1)):
+                for n in range(before[j, max(0, u - du)], before[j, min(w, u + du + 1)]):
+                    ex, ey, ez = changes[n, 0] - x, changes[n, 1] - y, changes[n, 2] - z
+                    square = ex * ex + ey * ey + ez * ez
+                    away = max(abs(j - v), abs(int(columns[n]) - u))
+                    if square > square_radius and away > ALWAYS_PX:
+                        continue
+                    strength = changes[n, 3]
+                    if away > FULL_PX:
+                        strength *= _ONE - inverse_radius * np.sqrt(square)
+                    if strength <= enough:  # the other one of a pair is at most 1
+                        continue
+                    cell = bin_of(changes[n, 4:7], frame)
+                    if strength > bins[cell]:
+                        bins[cell] = strength
+                        for other in range(BINS):
+                            if bins[cell] * bins[other] * apart(abs(cell - other)) >= enough:
+                                found[v, u] = True
+                    if found[v, u]:
+                        break
+                if found[v, u]:
+                    break
