@@ -128,7 +128,8 @@ def _unpack_measurement(rest: bytes, boot: int, sequence: int, micros: int) -> M
     if not rest or not 1 <= rest[0] <= MAX_MODULES or len(rest) != _COUNT.size + rest[0] * _MODULE.size:
         raise BadLength
     steps, status = zip(*_MODULE.iter_unpack(rest[_COUNT.size :]), strict=True)
-    return Measurement(boot, sequence, micros, tuple(_metres(step) for step in steps), status)
+    metres = [math.nan if step == _NO_RANGE else step * RANGE_UNIT for step in steps]
+    return Measurement(boot, sequence, micros, tuple(metres), status)
 
 
 def _pack_identity(message: Identity) -> bytes:
@@ -150,7 +151,3 @@ def _steps(metres: float) -> int:
     if math.isnan(metres):
         return _NO_RANGE
     return round(min(max(metres / RANGE_UNIT, 0), _NO_RANGE - 1))
-
-
-def _metres(steps: int) -> float:
-    return math.nan if steps == _NO_RANGE else steps * RANGE_UNIT

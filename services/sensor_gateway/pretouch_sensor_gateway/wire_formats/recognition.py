@@ -76,8 +76,9 @@ class Recognition:
             return []
         received = self._chosen.feed(bytes(self._held) + data[start:])
         self._held.clear()
-        self.refused.update(self._chosen.refused)
-        self._chosen.refused.clear()
+        if self._chosen.refused:
+            self.refused.update(self._chosen.refused)
+            self._chosen.refused.clear()
         return received
 
     def restart(self) -> None:
