@@ -1,0 +1,38 @@
+"""A session that asks for proposer `narf`, from the depth image to its first scan."""
+
+from pathlib import Path
+
+from made_frame import write_mesh
+from pretouch_registrar.engines import Engine
+from pretouch_simulation.evaluation import Protocol, loop_of, request_of, run_view
+from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.objects import box, mug
+from pretouch_simulation.protocol import make_case
+
+from pretouch.session import Planner, Proposer, State
+
+PROTOCOL = Protocol(1, Proposer.NARF, Engine.POSTERIOR, Planner.INFORMATION, FingerModel.IDEAL, seed=0)
+
+
+async def test_a_session_on_narf_plans_a_scan_on_each_regions_terms() -> None:
+    case = make_case("mug", mug(), 0)
+    record = await loop_of(PROTOCOL).open("mug", 0.0, request_of(case, PROTOCOL), case.depth, case.mask)
+    assert record.state is State.AWAITING_SCAN
+    assert record.proposer is Proposer.NARF
+    assert 3 <= len(record.regions) <= 20
+    for region in record.regions:
+        assert case.mask[int(region.rectangle.y), int(region.rectangle.x)]
+
+
+async def test_a_flat_card_has_no_keypoint_and_its_session_ends_exhausted() -> None:
+    case = make_case("card", box(0.085, 0.054, 0.001), 0)
+    record = await loop_of(PROTOCOL).open("card", 0.0, request_of(case, PROTOCOL), case.depth, case.mask)
+    assert record.regions == ()
+    assert record.state is State.EXHAUSTED
+
+
+def test_evaluation_rows_name_the_proposer(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "mug.obj", mug())
+    (run,) = run_view(tmp_path / "mug.obj", 0, [PROTOCOL])
+    assert [row.proposer for row in run.rows] == ["narf"]
+    assert run.rows[0].error < run.rows[0].initial_error
