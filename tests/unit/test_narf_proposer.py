@@ -98,6 +98,40 @@ def test_the_image_around_the_object_does_not_matter(scene: Scene) -> None:
     assert [r.rectangle.shifted(u0, v0) for r in regions] == [r.rectangle for r in expected]
 
 
+def test_a_finer_image_gives_the_same_regions_in_its_own_pixels(scene: Scene) -> None:
+    depth, mask = (np.repeat(np.repeat(a, 2, 0), 2, 1) for a in (scene.depth.metres, scene.mask))
+    c = scene.camera
+    fine = Scene(
+        DepthImage(depth), Camera(2 * c.fx, 2 * c.fy, 2 * c.cx, 2 * c.cy), scene.base_T_camera, mask, scene.table
+    )
+    regions = propose(fine, Proposer.NARF, Sensor(), 20, 0).regions
+    coarse = propose(scene, Proposer.NARF, Sensor(), 20, 0).regions
+    assert [r.confidence for r in regions] == [r.confidence for r in coarse]
+    for ours, theirs in zip(regions, coarse, strict=True):
+        expected = np.array(theirs.rectangle.as_list()) * (2, 2, 2, 2, 1)
+        np.testing.assert_allclose(ours.rectangle.as_list(), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", ["finger-wide", "tiny depths", "a speck in front", "all of it"])
+def test_no_image_keeps_the_proposer_long(shape: str) -> None:
+    rng = np.random.default_rng(0)
+    depth = rng.normal(0.8, 0.0015, (480, 640)).astype(np.float32)
+    mask = np.zeros(depth.shape, np.bool_)
+    mask[200:280, 280:360] = True
+    if shape == "finger-wide":
+        mask[:] = False
+        mask[240, 300:360] = True
+    elif shape == "tiny depths":
+        depth *= 0.001
+    elif shape == "a speck in front":
+        depth[240:242, 300:302] = 0.01
+    else:
+        mask[:] = True
+    camera, table = Camera(525.0, 525.0, 319.5, 239.5), Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+    found = propose(Scene(DepthImage(depth), camera, Pose.identity(), mask, table), Proposer.NARF, Sensor(), 20, 0)
+    assert all(0 <= region.confidence <= 1 for region in found.regions)
+
+
 def test_a_plain_sheet_has_no_keypoint_and_so_no_region() -> None:
     mask = np.zeros((120, 160), np.bool_)
     mask[40:80, 60:100] = True
