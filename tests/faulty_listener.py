@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -24,15 +25,17 @@ _LATE = 0.002
 
 @dataclass
 class Account:
-    """What a subscriber got, and was told that it will never get."""
+    """What a subscriber got, and was told that it will never get; and when each answer came, s of `time.monotonic`."""
 
     got: int = 0
     lost: int = 0
     overrun: int = 0
     answers: list[pb.StreamRangesResponse] = field(default_factory=list)
+    came: list[float] = field(default_factory=list)
 
     def note(self, answer: pb.StreamRangesResponse) -> None:
         self.answers.append(answer)
+        self.came.append(time.monotonic())
         self.got += answer.batch.t.shape[0]
         self.lost += answer.batch.lost
         self.overrun += answer.overrun

@@ -21,8 +21,8 @@ async def test_times_go_on_when_the_device_clock_and_its_sequence_wrap(tmp_path:
     board = Board(tmp_path / "finger", first_tick=2**32 - 1_000_000, sequence=2**32 - 200)
     async with gateway(tmp_path / "finger") as clients, clients.listening() as listener:
         await clients.opened()
-        began = time.monotonic()
-        while time.monotonic() < began + 1.3:  # it wraps after a second at most
+        await board.bursts(1)
+        while board.made <= 200 or board.ticks()[-1] > 2**31:  # both wrap, its clock within a second of its start
             await board.bursts(1)
         await listener.until(lambda: listener.told == board.made)
         status = await clients.status()
@@ -69,7 +69,7 @@ async def test_after_the_hosts_clock_jumped_all_times_are_by_the_new_one(
             new = {number: t for number, t in listener.times().items() if number >= before}
             assert len(new) == 100
             offset = unix_offset()
-            assert max(abs(t - (board.times[1, number] + offset)) for number, t in new.items()) < 0.1
+            assert max(abs(t - (board.times[1, number] + offset)) for number, t in new.items()) < 1
             assert await fused(clients, list(new.values())) == list(new.values())
     assert (listener.got, listener.lost, listener.overrun) == (board.made, 0, 0) == (400, 0, 0)
     assert (status.epoch, status.connections, status.untimed, dict(status.refused)) == (0, 1, 0, {})
@@ -102,6 +102,9 @@ async def test_a_device_that_prints_text_is_heard_and_never_spoken_to(tmp_path: 
     intervals = np.diff(printed)
     std = listener.batches[-1].time_std
     assert 0.9 * np.median(intervals) / math.sqrt(12) < std < 2 * intervals.max()
-    offset = unix_offset()
-    for t, at in zip(listener.times().values(), printed[first:], strict=True):
-        assert abs(t - (at + offset)) < 5 * std + np.median(intervals)
+    spread = 5 * std + np.median(intervals)
+    times = np.array(list(listener.times().values())) - unix_offset()
+    came = np.repeat(listener.came, [batch.t.shape[0] for batch in listener.batches])
+    assert np.median(np.abs(times - printed[first:])) < spread
+    assert (times > np.array(printed[first:]) - spread).all()
+    assert (times < came + 0.002).all()  # a line that the gateway was late to read is no later than its batch
