@@ -81,28 +81,45 @@ class Case:
 def hidden_offset(true_cloud: Array, rng: np.random.Generator) -> Pose:
     """The calibration error D: `base_T_correction` as it should be found.
 
-    Roll, pitch, yaw uniform in +-5 deg (extrinsic xyz, base axes) about the cloud's centroid as the camera puts it,
-    then a shift of uniform +-2 cm along base axes.
-
     Args:
         true_cloud: (n, 3), m, the object's points at their true place in base.
     """
-    roll, pitch, yaw = rng.uniform(-OFFSET_ROTATION, OFFSET_ROTATION, 3)
-    shift = rng.uniform(-OFFSET_TRANSLATION, OFFSET_TRANSLATION, 3)
-    turn = rotation_from_vector([0, 0, yaw]) @ rotation_from_vector([0, pitch, 0]) @ rotation_from_vector([roll, 0, 0])
+    turn, shift = _drawn(rng)
     centroid = true_cloud.mean(axis=0) - shift
     return Pose.of(turn, centroid + shift - turn @ centroid)
 
 
+def offset_about(centroid: Array, rng: np.random.Generator) -> Pose:
+    """As `hidden_offset`, where the cloud's centroid (3,), m, is known as the camera puts it."""
+    turn, shift = _drawn(rng)
+    return Pose.of(turn, centroid + shift - turn @ centroid)
+
+
+def _drawn(rng: np.random.Generator) -> tuple[Array, Array]:
+    """Roll, pitch, yaw uniform in +-5 deg (extrinsic xyz, base axes), (3, 3), and a shift (3,) of uniform +-2 cm."""
+    roll, pitch, yaw = rng.uniform(-OFFSET_ROTATION, OFFSET_ROTATION, 3)
+    shift = rng.uniform(-OFFSET_TRANSLATION, OFFSET_TRANSLATION, 3)
+    turn = rotation_from_vector([0, 0, yaw]) @ rotation_from_vector([0, pitch, 0]) @ rotation_from_vector([roll, 0, 0])
+    return turn, shift
+
+
 def make_case(name: str, mesh: Mesh, view: int, seed: int = 0) -> Case:
-    """View number `view` of `mesh`; everything random is fixed by `seed`, `name` and `view`.
+    """View number `view` of `mesh` as it stands by itself; everything random is fixed by `seed`, `name` and `view`.
 
     Raises:
         InvalidInput: the camera does not see the object.
     """
-    rng = generator("view", seed, name, view)
+    return case_of(name, standing(mesh), view, generator("view", seed, name, view))
+
+
+def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator) -> Case:
+    """A view of a mesh that rests on z = 0, centred on x = y = 0, in a random yaw from a random place.
+
+    Raises:
+        InvalidInput: the camera does not see the object.
+    """
     base_T_mesh = Pose.from_rotation_vector([0.0, 0.0, rng.uniform(-np.pi, np.pi)], PLACE)
-    world = World([Body(standing(mesh), base_T_mesh)], TABLE)
+    world = World([Body(resting, base_T_mesh)], TABLE)
     middle = PLACE + np.array([0.0, 0.0, world.bodies[0].mesh.extents[2] / 2])
     true_camera = looking_at(middle, rng.uniform(*CAMERA_DISTANCE), rng.uniform(*CAMERA_PITCH))
     depth, bodies = render(world, CAMERA, true_camera, rng)

@@ -13,6 +13,8 @@ _CONTACT = 0.0015
 """m; vertices this near to the lowest one carry the object: scans are not perfectly flat below."""
 _SLACK = 0.001
 """m by which the centre of mass may stand outside its support."""
+_SAME_WAY = float(np.cos(np.radians(20.0)))
+"""Cosine of the angle between two faces up to which resting on the one or the other is the same."""
 
 
 def standing(mesh: Mesh) -> Mesh:
@@ -31,6 +33,32 @@ def standing(mesh: Mesh) -> Mesh:
     centre = _centre_of_mass(mesh.vertices, hull)
     if _stands(mesh.vertices, centre, np.array([0.0, 0.0, -1.0])):
         return mesh.resting()
+    return _on(mesh, _preferred(mesh, hull, centre)[0])
+
+
+def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
+    """The mesh in up to `most` ways in which it rests: as `standing` first, then by how often a drop ends so.
+
+    Ways that differ by a turn about the vertical alone, or by less than 20 degrees, are one.
+
+    Raises:
+        InvalidInput: the mesh is flat or a line.
+    """
+    first = standing(mesh)
+    hull = ConvexHull(first.vertices)
+    ways = [np.array([0.0, 0.0, -1.0])]
+    for down in _preferred(first, hull, _centre_of_mass(first.vertices, hull)):
+        if len(ways) < most and all(down @ way < _SAME_WAY for way in ways):
+            ways.append(down)
+    return [first, *(_on(first, down) for down in ways[1:])][:most]
+
+
+def _on(mesh: Mesh, down: Array) -> Mesh:
+    return mesh.moved(Pose.of(_turning_down(down), np.zeros(3))).resting()
+
+
+def _preferred(mesh: Mesh, hull: ConvexHull, centre: Array) -> list[Array]:
+    """Unit directions (3,) of the hull's faces on which the mesh stands, the one that looks largest first."""
     share: dict[tuple[float, ...], float] = {}
     faces: dict[tuple[float, ...], Array] = {}
     for simplex, equation in zip(hull.simplices, hull.equations, strict=True):
@@ -39,8 +67,7 @@ def standing(mesh: Mesh) -> Mesh:
             facet = tuple(np.round(down, 3))
             faces.setdefault(facet, down)
             share[facet] = share.get(facet, 0.0) + _solid_angle(mesh.vertices[simplex] - centre)
-    down = faces[max(share, key=lambda facet: share[facet])]
-    return mesh.moved(Pose.of(_turning_down(down), np.zeros(3))).resting()
+    return [faces[facet] for facet in sorted(share, key=lambda facet: -share[facet])]
 
 
 def _centre_of_mass(vertices: Array, hull: ConvexHull) -> Array:

@@ -59,7 +59,7 @@ class Loop:
             InvalidInput: no depth, no object, no table, or a mask or roi that does not fit.
             PretouchError: what detector or registrar raised.
         """
-        scene, origin = await asyncio.to_thread(_view, request, depth, mask)
+        scene, origin = await asyncio.to_thread(viewed, request, depth, mask)
         seed = zlib.crc32(scene.depth.metres.tobytes())
         proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)
         estimate = await asyncio.to_thread(from_prior, request.prior, scene.cloud)
@@ -119,7 +119,7 @@ class Loop:
         return planned(record, candidates, expected_errors)
 
 
-def _view(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None) -> tuple[Scene, tuple[int, int]]:
+def viewed(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None) -> tuple[Scene, tuple[int, int]]:
     """The part of the client's view that matters, without specks in mid-air, and its first pixel (u0, v0)."""
     whole = find_object(depth, request.camera, request.base_T_camera, request.roi, mask, request.table)
     prior = request.prior

@@ -1,0 +1,202 @@
+"""A folder of labelled views: depth images with scored rectangles.
+
+    dataset.json            what it is: FORMAT, how the labels were made, seed, command
+    train/<name>.npz        a view and its labels, one file each
+    validation/<name>.npz
+
+A file is written whole or not at all, so that a killed run goes on where it was. The README of the detector documents
+the arrays.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.camera import Camera, DepthImage
+from pretouch.errors import Conflict, InvalidInput, Malformed, NotFound, PretouchError
+from pretouch.geometry import Array, Plane, Pose, frozen_array
+from pretouch.scene import Scene
+
+FORMAT = 1
+DEPTH_UNIT = 1e-4
+"""m: of a stored depth value."""
+SIDES = ("train", "validation")
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """One view and what was learned of its rectangles.
+
+    Attributes:
+        name: of the view, unique in its dataset.
+        object: what is seen; all views of it are on one side.
+        scene: the view, cropped around the object.
+        rectangles: (r, 5) as [x, y, w, h, theta], in the scene's pixels.
+        scores: (r, t), m: each rectangle's error in each trial; NaN where the trial was not made.
+        expected: (r, t), m: what the engine expected of its error once the trial was made; NaN where it does not say.
+        foreseen: (r,), m: what the registrar foretold before any trial; NaN where it was not asked.
+        provenance: where the view comes from and how it was made.
+    """
+
+    name: str
+    object: str
+    scene: Scene
+    rectangles: Array
+    scores: Array
+    expected: Array
+    foreseen: Array
+    provenance: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        rectangles = frozen_array(self.rectangles, (None, 5), "rectangles")
+        scores, expected = np.asarray(self.scores, dtype=np.float64), np.asarray(self.expected, dtype=np.float64)
+        foreseen = np.asarray(self.foreseen, dtype=np.float64)
+        shapes = {"scores": scores.shape, "expected": expected.shape, "foreseen": foreseen.shape}
+        r = len(rectangles)
+        if scores.ndim != 2 or shapes != {"scores": scores.shape, "expected": (r, scores.shape[1]), "foreseen": (r,)}:
+            raise InvalidInput(f"{r} rectangles come with {shapes}.", "Give (r, t), (r, t) and (r,) numbers.")
+        object.__setattr__(self, "rectangles", rectangles)
+        object.__setattr__(self, "scores", scores)
+        object.__setattr__(self, "expected", expected)
+        object.__setattr__(self, "foreseen", foreseen)
+
+
+class Dataset:
+    """The folder.
+
+    Args:
+        folder: with a `dataset.json`.
+
+    Raises:
+        NotFound: no such folder, or it holds no dataset.
+        Malformed: its description cannot be read.
+        InvalidInput: it is of another version.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        try:
+            self.description: dict[str, Any] = json.loads((folder / "dataset.json").read_text())
+            version = self.description["format"]
+        except FileNotFoundError as error:
+            raise NotFound(
+                f"{folder} holds no dataset: there is no dataset.json.", "Make one by `pretouch labels generate`."
+            ) from error
+        except (ValueError, KeyError, TypeError) as error:
+            raise Malformed(
+                f"{folder}/dataset.json cannot be read.", "Restore it, or make the dataset anew."
+            ) from error
+        if version != FORMAT:
+            raise InvalidInput(
+                f"{folder} is of format {version}; this version reads {FORMAT}.",
+                "Make it anew by `pretouch labels generate`, or use the version that wrote it.",
+            )
+
+    @classmethod
+    def create(cls, folder: Path, description: dict[str, Any]) -> Dataset:
+        """A new dataset, or the one that was begun there by the same description but for `command`.
+
+        Raises:
+            Conflict: the folder holds a dataset that was made otherwise.
+        """
+        wanted = {"format": FORMAT, **description}
+        if (folder / "dataset.json").exists():
+            dataset = cls(folder)
+            begun = dataset.description
+            differ = [
+                key for key in wanted.keys() | begun.keys() if key != "command" and wanted.get(key) != begun.get(key)
+            ]
+            if differ:
+                raise Conflict(
+                    f"{folder} holds a dataset that was made with another {', '.join(sorted(differ))}.",
+                    "Choose another folder, or the same settings to go on.",
+                )
+            return dataset
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_whole(folder / "dataset.json", json.dumps(wanted, indent=1).encode() + b"\n")
+        return cls(folder)
+
+    def path(self, side: str, name: str) -> Path:
+        """Where the view `name` of that side is, or would be."""
+        return self.folder / side / f"{name}.npz"
+
+    def paths(self, side: str) -> list[Path]:
+        """The files of one side, in the order of their names."""
+        return sorted((self.folder / side).glob("*.npz"))
+
+    def examples(self, side: str) -> Iterator[Example]:
+        """All views of one side."""
+        return (read(path) for path in self.paths(side))
+
+
+def write(path: Path, example: Example) -> None:
+    """Writes the view's file, whole or not at all."""
+    scene = example.scene
+    about = {"name": example.name, "object": example.object, "provenance": example.provenance}
+    stored = np.rint(scene.depth.metres / DEPTH_UNIT)
+    if stored.max() > np.iinfo(np.uint16).max:
+        stored = np.where(stored > np.iinfo(np.uint16).max, 0, stored)
+    camera = scene.camera
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    with draft.open("wb") as file:
+        np.savez_compressed(
+            file,
+            depth=stored.astype(np.uint16),
+            mask=scene.mask,
+            camera=np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
+            base_T_camera=scene.base_T_camera.matrix,
+            table=np.append(scene.table.normal, scene.table.offset),
+            rectangles=example.rectangles.astype(np.float32),
+            scores=example.scores.astype(np.float32),
+            expected=example.expected.astype(np.float32),
+            foreseen=example.foreseen.astype(np.float32),
+            about=np.frombuffer(json.dumps(about).encode(), dtype=np.uint8),
+        )
+    draft.replace(path)
+
+
+def read(path: Path) -> Example:
+    """Reads a view's file.
+
+    Raises:
+        NotFound: there is none.
+        Malformed: it is damaged, or not such a file.
+    """
+    if not path.is_file():
+        raise NotFound(f"There is no {path}.", "Check the path.")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays: dict[str, NDArray[Any]] = {name: file[name] for name in file.files}
+        about = json.loads(arrays["about"].tobytes())
+        table = arrays["table"]
+        scene = Scene(
+            DepthImage(arrays["depth"].astype(np.float32) * np.float32(DEPTH_UNIT)),
+            Camera(*arrays["camera"].tolist()),
+            Pose(arrays["base_T_camera"]),
+            arrays["mask"],
+            Plane(table[:3], float(table[3])),
+        )
+        return Example(
+            about["name"], about["object"], scene, arrays["rectangles"], arrays["scores"], arrays["expected"],
+            arrays["foreseen"], about["provenance"],
+        )  # fmt: skip
+    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, PretouchError) as error:
+        raise Malformed(
+            f"{path} is damaged or no labelled view: {error}", "Delete it; `pretouch labels generate` makes it again."
+        ) from error
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    draft.write_bytes(data)
+    draft.replace(path)

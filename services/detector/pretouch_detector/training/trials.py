@@ -1,0 +1,89 @@
+"""The paper's Algorithm 1: rectangles scored by simulated matches, with neither a robot nor a human.
+
+After Lancaster, Yang and Smith, "Improved Object Pose Estimation via Deep Pre-touch Sensing", IROS 2017: random
+rectangles in the image, random offsets of the camera's cloud, and for each pair a match of the points on the rectangle's
+perimeter. A rectangle is as good as its worst trial.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pretouch_registrar.engines import camera_model
+from pretouch_registrar.engines.batch import Matching, Trials, View, best, scores
+
+from pretouch.geometry import Array, rotation_from_vector, vector_from_rotation
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch_detector.proposals.random import candidates
+
+TRANSLATION = 0.02
+ROTATION = float(np.radians(5.0))
+NOISE = 0.0015
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How an image is labelled; the paper's numbers unless said otherwise.
+
+    Attributes:
+        rectangles, trials: n_R and n_trials.
+        matching: by which engine's kernel.
+        best_only: only the winner's score is wanted: the others' trials end as soon as they cannot win.
+        near: px, how far from the perimeter the target's points may lie; the paper says "near or on".
+    """
+
+    rectangles: int = 1000
+    trials: int = 10
+    matching: Matching = Matching.PAPER
+    best_only: bool = False
+    near: float = 6.0
+
+
+def label(
+    scene: Scene, settings: Settings, rng: np.random.Generator, threads: int | None = None
+) -> tuple[Array, Array]:
+    """Rectangles (r, 5) and their scores (r, t), m; if `best_only`, the winner's scores alone, NaN elsewhere.
+
+    Args:
+        threads: None: one for each processor. The scores do not depend on it.
+    """
+    rectangles = np.array([r.as_list() for r in candidates(scene, settings.rectangles, rng)])
+    moves = offsets(settings.trials, rng)
+    trials = Trials(settings.matching, NOISE, near=settings.near, seed=int(rng.integers(2**31)))
+    view = view_of(scene, settings.matching)
+    if not settings.best_only:
+        return rectangles, scores(view, rectangles, moves, trials, threads)
+    winner, _ = best(view, rectangles, moves, trials, threads)
+    found = np.full((len(rectangles), len(moves)), np.nan)
+    found[winner] = scores(view, rectangles[winner : winner + 1], moves, trials, 1, winner)
+    return rectangles, found
+
+
+def offsets(count: int, rng: np.random.Generator) -> Array:
+    """(count, 6), rotation vector and translation, rad and m: roll, pitch, yaw and shift uniform, camera axes."""
+    angles = rng.uniform(-ROTATION, ROTATION, (count, 3))
+    shifts = rng.uniform(-TRANSLATION, TRANSLATION, (count, 3))
+    x, y, z = np.eye(3)
+    turns = [
+        vector_from_rotation(rotation_from_vector(c * z) @ rotation_from_vector(b * y) @ rotation_from_vector(a * x))
+        for a, b, c in angles
+    ]
+    return np.column_stack([np.array(turns), shifts])
+
+
+def view_of(scene: Scene, matching: Matching) -> View:
+    """The scene's cloud in the camera's frame, with normals where the matching needs them."""
+    cloud = scene.camera.organised(scene.depth.metres)
+    if matching is not Matching.MAP:
+        return View(cloud, scene.mask, scene.camera)
+    planes = camera_model.build(scene).pixels[..., :3].astype(np.float64)
+    return View(cloud, scene.mask, scene.camera, scene.base_T_camera.inverse().rotate(planes))
+
+
+def winner(rectangles: Array, scored: Array) -> tuple[RotatedRectangle, float]:
+    """The rectangle whose worst trial is least, and that score, m."""
+    worst = np.where(np.isnan(scored).any(axis=1), np.inf, scored.max(axis=1))
+    k = int(np.argmin(worst))
+    return RotatedRectangle(*rectangles[k]), float(worst[k])

@@ -1,0 +1,89 @@
+"""Rectangles scored by what really happens: the finger scans the displaced mesh along the perimeter, an engine answers.
+
+The trials are those of the evaluation protocol: path planned from the prior alone, true mesh and table, calibration
+errors as there. Each trial of each rectangle has a calibration error and a noise of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pretouch_orchestrator.path import plan_paths
+from pretouch_registrar.engines import Engine
+from pretouch_registrar.engines.solution import pose_of
+from pretouch_registrar.registration import Settings, predict, solution_of
+
+from pretouch.estimate import from_prior, point_error
+from pretouch.geometry import Array, Pose
+from pretouch.rectangle import RotatedRectangle
+from pretouch.session import ScanSettings
+from pretouch.trajectory import Trajectory
+from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.labels.view import LabelView
+from pretouch_simulation.protocol import generator, offset_about
+
+
+@dataclass(frozen=True)
+class Scoring:
+    """How.
+
+    Attributes:
+        trials: of each rectangle.
+        seed: of calibration errors and noise.
+    """
+
+    trials: int = 1
+    engine: Engine = Engine.POSTERIOR
+    finger: FingerModel = FingerModel.IDEAL
+    seed: int = 0
+
+    @property
+    def settings(self) -> Settings:
+        return Settings(self.engine, sensor=sensor_of(self.finger))
+
+
+def paths_of(view: LabelView, rectangles: Sequence[RotatedRectangle], scoring: Scoring) -> list[Trajectory | None]:
+    """The first path of a session along each rectangle's perimeter; None where it never comes over the object."""
+    return plan_paths(view.scene, rectangles, from_prior(scoring.settings.prior, view.scene.cloud), ScanSettings())
+
+
+def foreseen(view: LabelView, paths: Sequence[Trajectory | None], scoring: Scoring) -> Array:
+    """(r,), m: the error that the registrar foretells for each path; without a path, what the prior leaves."""
+    settings = scoring.settings
+    left = np.full(len(paths), from_prior(settings.prior, view.scene.cloud).expected_error)
+    there = [path for path in paths if path is not None]
+    left[[path is not None for path in paths]] = predict(view.scene, [], settings, there)
+    return left
+
+
+def score(
+    view: LabelView, paths: Sequence[Trajectory | None], wanted: Sequence[int], scoring: Scoring
+) -> tuple[Array, Array]:
+    """Errors and expected errors (r, t), m, after one scan along each path; NaN for those that are not `wanted`.
+
+    A rectangle without a path leaves what the prior leaves.
+    """
+    errors, expected = np.full((2, len(paths), scoring.trials), np.nan)
+    for k in wanted:
+        for trial in range(scoring.trials):
+            errors[k, trial], expected[k, trial] = _trial(view, paths[k], scoring, k, trial)
+    return errors, expected
+
+
+def _trial(view: LabelView, path: Trajectory | None, scoring: Scoring, k: int, trial: int) -> tuple[float, float]:
+    scene, settings = view.scene, scoring.settings
+    rng = generator("label", scoring.seed, view.case.name, view.case.view, k, trial)
+    truth = offset_about(scene.centroid, rng)
+    if path is None:
+        return _error(scene.cloud, truth, Pose.identity()), from_prior(settings.prior, scene.cloud).expected_error
+    solution = solution_of(scene, [view.scanned(truth, path, scoring.finger, rng)], settings)
+    correction = pose_of(solution.x, scene.centroid)
+    left, _ = point_error(solution.covariance, correction.apply(scene.cloud), scene.centroid + solution.x[3:])
+    return _error(scene.cloud, truth, correction), left
+
+
+def _error(cloud: Array, truth: Pose, correction: Pose) -> float:
+    """m: mean distance of the object's points, as corrected, from their true place."""
+    return float(np.linalg.norm(truth.apply(cloud) - correction.apply(cloud), axis=1).mean())

@@ -1,0 +1,79 @@
+"""One view to label: of which object, in which of its resting poses, seen from where."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pretouch.errors import InvalidInput
+from pretouch_simulation.labels.procedural import procedural
+from pretouch_simulation.mesh import load_mesh
+from pretouch_simulation.protocol import Case, case_of, generator
+from pretouch_simulation.split import object_of, split_of
+from pretouch_simulation.stable_pose import resting_poses
+
+_POSES = 3
+"""Resting poses that are looked for; an object with fewer is shown in those it has again, from elsewhere."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A view of a mesh file, or of the procedural object of a number.
+
+    Attributes:
+        source: the mesh file, or the number.
+        pose: which of the object's resting poses; beyond the last they begin anew.
+        view: which camera place and calibration error.
+    """
+
+    source: Path | int
+    pose: int
+    view: int
+
+    @property
+    def stem(self) -> str:
+        """What the object is called."""
+        return self.source.stem if isinstance(self.source, Path) else f"code__{procedural(self.source)[0]}"
+
+    @property
+    def name(self) -> str:
+        """Of the view."""
+        return f"{self.stem}-{self.pose}-{self.view}"
+
+    @property
+    def object(self) -> str:
+        """Which decides the side: all that is made in code is trained on."""
+        return object_of(self.stem) if isinstance(self.source, Path) else self.stem
+
+    @property
+    def side(self) -> str:
+        """train or validation."""
+        return split_of(self.stem).value if isinstance(self.source, Path) else "train"
+
+    def case(self, seed: int) -> Case:
+        """The view itself.
+
+        Raises:
+            PretouchError: the mesh cannot be read, has no volume, or is not seen.
+        """
+        mesh = load_mesh(self.source) if isinstance(self.source, Path) else procedural(self.source)[1]
+        poses = resting_poses(mesh, _POSES)
+        return case_of(
+            self.stem,
+            poses[self.pose % len(poses)],
+            self.view,
+            generator("label view", seed, self.stem, self.pose, self.view),
+        )
+
+
+def tasks_of(meshes: Sequence[Path], made_in_code: int, poses: int, views: int) -> list[Task]:
+    """All views: every object once before any is seen again, so that each beginning of the list is a fair share.
+
+    Raises:
+        InvalidInput: there is no object.
+    """
+    sources: list[Path | int] = [*meshes, *range(made_in_code)]
+    if not sources:
+        raise InvalidInput("There is no object to label.", "Give --meshes, --frames or --made-in-code.")
+    return [Task(source, pose, view) for view in range(views) for pose in range(poses) for source in sources]

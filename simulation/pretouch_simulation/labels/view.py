@@ -1,0 +1,60 @@
+"""A view as a session sees it, beside the world that it was made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pretouch_orchestrator.loop import viewed
+
+from pretouch.geometry import Pose
+from pretouch.scene import Scene
+from pretouch.session import Planner, SessionRequest
+from pretouch.tof import Scan
+from pretouch.trajectory import Trajectory
+from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.protocol import Case
+from pretouch_simulation.scanning import scan_along
+
+
+@dataclass(frozen=True, eq=False)
+class LabelView:
+    """One view of an object.
+
+    Attributes:
+        case: with the world.
+        scene: what a session knows, cropped around the object.
+        origin: the scene's first pixel (u0, v0) in the case's image.
+    """
+
+    case: Case
+    scene: Scene
+    origin: tuple[int, int]
+
+    def scanned(self, truth: Pose, path: Trajectory, finger: FingerModel, rng: np.random.Generator) -> Scan:
+        """What the finger meets along `path` where `truth` is the right correction, instead of the case's own.
+
+        Only the object's place relative to the camera's belief matters. So the world is moved rather than the camera's
+        extrinsics: what was computed of the depth image stays good.
+        """
+        world_T_base = self.case.truth @ truth.inverse()
+        sensor = sensor_of(finger)
+        moved = Trajectory(path.t, world_T_base.matrix @ path.base_T_tip)
+        samples = scan_along(self.case.world, moved, sensor, finger, rng)
+        return replace(samples, base_T_tip=world_T_base.inverse().matrix @ samples.base_T_tip).beams(sensor)
+
+
+def view_of(case: Case) -> LabelView:
+    """The view that a session makes of the case: table found, cropped, specks removed.
+
+    Raises:
+        InvalidInput: no object or no table is found.
+    """
+    request = SessionRequest(
+        camera=case.camera,
+        base_T_camera=case.base_T_camera,
+        depth_scale=1.0,
+        proposer=None,
+        planner=Planner.INFORMATION,
+    )
+    return LabelView(case, *viewed(request, case.depth, case.mask))
