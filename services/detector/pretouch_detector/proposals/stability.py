@@ -8,7 +8,6 @@ ICP Algorithm", 2003, with edges added) on top of the calibration prior gives th
 from __future__ import annotations
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -17,12 +16,11 @@ from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
-from pretouch_detector.proposals.random import candidates, polygons
+from pretouch_detector.proposals.random import candidates
 from pretouch_detector.proposals.region import ProposedRegion
+from pretouch_detector.proposals.spread import spread
 
 _CANDIDATES = 200
-_MAX_OVERLAP = 0.6
-"""Of two regions with a larger intersection over union only the better is proposed."""
 _SURFACE_STD = 0.002
 _EDGE_STD = 0.0025
 _EFFECTIVE_POINTS = 30.0
@@ -49,15 +47,8 @@ def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) 
         ]
     )
     confidence = 1.0 - remaining / _error(prior_information, scene.radius)
-    shapes = polygons(np.array([r.as_list() for r in drawn]))
-    kept: list[int] = []
-    for k in np.argsort(-confidence, kind="stable"):
-        common = shapely.area(shapely.intersection(shapes[kept], shapes[k])) if kept else np.zeros(0)
-        union = shapely.area(shapes[kept]) + shapely.area(shapes[k]) - common if kept else np.ones(0)
-        if not (common / union > _MAX_OVERLAP).any():
-            kept.append(int(k))
-        if len(kept) == count:
-            break
+    order = np.argsort(-confidence, kind="stable")
+    kept = order[spread(np.array([r.as_list() for r in drawn])[order], count)]
     return [ProposedRegion(drawn[k], float(np.clip(confidence[k], 0, 1))) for k in kept]
 
 
