@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 from pretouch_detector.proposals import propose, readiness
-from pretouch_detector.proposals.random import AREA, MIN_OVERLAP, polygons
+from pretouch_detector.proposals.random import AREA, MIN_OVERLAP
 from scenes import Box, World
 
 from pretouch.errors import InvalidInput, Unavailable
@@ -36,12 +36,6 @@ def test_regions_keep_the_rules_of_algorithm_1_and_repeat(scene: Scene, proposer
     assert [r.confidence for r in regions] == sorted((r.confidence for r in regions), reverse=True)
     assert regions == propose(scene, proposer, Sensor(), 20, 7).regions
     assert regions != propose(scene, proposer, Sensor(), 20, 8).regions
-
-
-def test_polygons_are_the_rectangles(scene: Scene) -> None:
-    rectangle = RotatedRectangle(30, 40, 20, 8, 0.7)
-    polygon = polygons(np.array([rectangle.as_list()]))[0]
-    assert polygon.equals_exact(shapely.Polygon(rectangle.corners()), 1e-9)
 
 
 def test_stability_prefers_perimeters_that_cross_edges_of_a_flat_box(scene: Scene) -> None:

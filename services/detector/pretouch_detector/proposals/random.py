@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-import shapely
+from numpy.typing import NDArray
 
 from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
+from pretouch_detector.proposals.overlap import common_area
 from pretouch_detector.proposals.region import ProposedRegion
 
 MIN_OVERLAP = 0.15
 """Least intersection over union with the object's bounding rectangle (Lancaster et al. 2017, Algorithm 1)."""
 AREA = (0.10, 0.50)
 """Share of the bounding rectangle's area (likewise)."""
-_LOG_ASPECT = 1.2
+LOG_ASPECT = 1.2
 """Sides' ratios are log-uniform up to exp(1.2) = 3.3 either way; the paper does not say."""
 _BATCH = 512
 
@@ -26,29 +27,43 @@ def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) 
 
 
 def candidates(scene: Scene, count: int, rng: np.random.Generator) -> list[RotatedRectangle]:
-    """Rectangles with a centre uniform in the object's bounding rectangle, area and overlap as above."""
-    u0, v0, u1, v1 = scene.bounds()
-    low, high = np.array([u0, v0]) - 0.5, np.array([u1, v1]) - 0.5
+    """Rectangles as `drawn`."""
+    return [RotatedRectangle(*row) for row in drawn(scene, count, rng)]
+
+
+def drawn(scene: Scene, count: int, rng: np.random.Generator) -> Array:
+    """(count, 5) as [x, y, w, h, theta]: centre uniform in the bounding rectangle, area and overlap as above."""
+    low, high = _bounding(scene)
     area = float(np.prod(high - low))
-    bounding = shapely.box(low[0], low[1], high[0], high[1])
-    found: list[RotatedRectangle] = []
+    found = np.zeros((0, 5))
     while len(found) < count:
         centre = rng.uniform(low, high, (_BATCH, 2))
         size = rng.uniform(*AREA, _BATCH) * area
-        width = np.sqrt(size * np.exp(rng.uniform(-_LOG_ASPECT, _LOG_ASPECT, _BATCH)))
+        width = np.sqrt(size * np.exp(rng.uniform(-LOG_ASPECT, LOG_ASPECT, _BATCH)))
         theta = rng.uniform(-np.pi / 2, np.pi / 2, _BATCH)
-        drawn = np.column_stack([centre, width, size / width, theta])
-        common = shapely.area(shapely.intersection(polygons(drawn), bounding))
-        good = common / (area + size - common) >= MIN_OVERLAP
-        found += [RotatedRectangle(*row) for row in drawn[good]]
+        batch = np.column_stack([centre, width, size / width, theta])
+        found = np.concatenate([found, batch[_overlapping(batch, low, high)]])
     return found[:count]
 
 
-def polygons(rectangles: Array) -> shapely.Geometry:
-    """Shapely polygons (n,) of rectangles (n, 5) as [x, y, w, h, theta]."""
-    x, y, w, h, theta = rectangles.T
-    along = np.stack([np.cos(theta), np.sin(theta)], axis=1) * w[:, None] / 2
-    across = np.stack([-np.sin(theta), np.cos(theta)], axis=1) * h[:, None] / 2
-    centre = np.stack([x, y], axis=1)
-    corners = [centre - along - across, centre + along - across, centre + along + across, centre - along + across]
-    return shapely.polygons(np.stack(corners, axis=1))
+def allowed(rectangles: Array, scene: Scene) -> NDArray[np.bool_]:
+    """(n,): which of the rectangles (n, 5) could have been `drawn`."""
+    low, high = _bounding(scene)
+    share = rectangles[:, 2] * rectangles[:, 3] / np.prod(high - low)
+    aspect = np.abs(np.log(rectangles[:, 2] / rectangles[:, 3]))
+    inside = ((rectangles[:, :2] >= low) & (rectangles[:, :2] <= high)).all(axis=1)
+    shaped = (share >= AREA[0]) & (share <= AREA[1]) & (aspect <= LOG_ASPECT)
+    return np.asarray(inside & shaped & _overlapping(rectangles, low, high), dtype=np.bool_)
+
+
+def _bounding(scene: Scene) -> tuple[Array, Array]:
+    """Corners (u, v) of the object's bounding rectangle, pixels' edges included."""
+    u0, v0, u1, v1 = scene.bounds()
+    return np.array([u0, v0]) - 0.5, np.array([u1, v1]) - 0.5
+
+
+def _overlapping(rectangles: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    bounding = np.concatenate([(low + high) / 2, high - low, [0.0]])
+    common = common_area(bounding, rectangles)
+    union = rectangles[:, 2] * rectangles[:, 3] + np.prod(high - low) - common
+    return np.asarray(common / union >= MIN_OVERLAP, dtype=np.bool_)

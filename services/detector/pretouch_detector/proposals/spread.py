@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_detector.proposals.random import polygons
+from pretouch_detector.proposals.overlap import common_area
 
 MAX_OVERLAP = 0.6
 """Of two regions with a larger intersection over union only the better is proposed."""
@@ -23,7 +22,6 @@ def spread(ranked: Array, count: int) -> list[int]:
     Returns:
         Their indices, the best first.
     """
-    shapes = polygons(ranked)
     areas = ranked[:, 2] * ranked[:, 3]
     left = np.arange(len(ranked))
     kept: list[int] = []
@@ -32,7 +30,7 @@ def spread(ranked: Array, count: int) -> list[int]:
         kept.append(best)
         near = _may_share(ranked[best], ranked[left], MAX_OVERLAP * np.maximum(areas[best], areas[left]))
         rivals = left[near]
-        common = shapely.area(shapely.intersection(shapes[best], shapes[rivals]))
+        common = common_area(ranked[best], ranked[rivals])
         too_much = common / (areas[best] + areas[rivals] - common) > MAX_OVERLAP
         left = np.setdiff1d(left, rivals[too_much], assume_unique=True)
     return kept
