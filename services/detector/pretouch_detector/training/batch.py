@@ -1,0 +1,42 @@
+"""Some labelled views at a time, as tensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pretouch_detector.training.targets import Targets
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """`Targets` of b views with r rectangles each.
+
+    Attributes:
+        image: (b, C, S, S).
+        rectangles: (b, r, 5).
+        errors: (b, r, 3), m, NaN where unknown.
+    """
+
+    image: Tensor
+    rectangles: Tensor
+    errors: Tensor
+
+
+def batch_of(views: Sequence[Targets], rectangles: int, rng: np.random.Generator, device: torch.device) -> Batch:
+    """The views, with as many rectangles drawn of each; of a view that has fewer, some come twice."""
+    chosen = [_drawn(len(view.rectangles), rectangles, rng) for view in views]
+    return Batch(
+        torch.from_numpy(np.stack([view.image for view in views])).to(device),
+        torch.from_numpy(np.stack([view.rectangles[k] for view, k in zip(views, chosen, strict=True)])).to(device),
+        torch.from_numpy(np.stack([view.errors[k] for view, k in zip(views, chosen, strict=True)])).to(device),
+    )
+
+
+def _drawn(there: int, wanted: int, rng: np.random.Generator) -> np.ndarray:
+    order = rng.permutation(there)
+    return np.resize(order, wanted)

@@ -1,0 +1,68 @@
+"""What a network learns of a labelled view: its image, rectangles, and what is known of each rectangle's error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.errors import InvalidInput
+from pretouch_detector.model.encoding import Encoding, encode
+from pretouch_detector.training.dataset import Dataset, Example
+
+Floats = NDArray[np.float32]
+ACHIEVED, EXPECTED, FORESEEN = range(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """A labelled view, ready to be learned.
+
+    Attributes:
+        image: (C, S, S), see `encoding`.
+        rectangles: (r, 5), as `Encoding.normalised`.
+        errors: (r, 3), m: ACHIEVED, the mean over the trials, or of the paper's trials the worst; EXPECTED by the
+            engine after them; FORESEEN before them. NaN where unknown.
+    """
+
+    image: Floats
+    rectangles: Floats
+    errors: Floats
+
+
+def targets_of(example: Example, worst: bool, encoding: Encoding | None = None) -> Targets:
+    """Of one view.
+
+    Args:
+        worst: a rectangle is as good as its worst trial, as in the paper; else as its trials' mean.
+    """
+    seen = encoding or encode(example.scene)
+    made = ~np.isnan(example.scores).all(axis=1)
+    achieved, expected = np.full((2, len(example.rectangles)), np.nan)
+    over = np.nanmax if worst else np.nanmean
+    achieved[made] = over(example.scores[made], axis=1)
+    told = ~np.isnan(example.expected).all(axis=1)
+    expected[told] = np.nanmean(example.expected[told], axis=1)
+    errors = np.column_stack([achieved, expected, example.foreseen]).astype(np.float32)
+    return Targets(seen.image, seen.normalised(example.rectangles), errors)
+
+
+def load(folders: Sequence[Path], side: str) -> list[Targets]:
+    """All views of one side of the datasets.
+
+    Raises:
+        InvalidInput: there is none.
+    """
+    found = []
+    for folder in folders:
+        dataset = Dataset(folder)
+        worst = dataset.description.get("recipe", {}).get("kind") == "trials"
+        found += [targets_of(example, worst) for example in dataset.examples(side)]
+    if not found:
+        raise InvalidInput(
+            f"There is no view on the side {side} of {', '.join(map(str, folders))}.", "Make more labels."
+        )
+    return found

@@ -1,0 +1,159 @@
+"""The training loop: on a processor, on one GPU, or on many by torchrun; it goes on after it was stopped.
+
+run/checkpoint.pt    all that is needed to go on, written after each epoch
+run/log.json         the terms of the loss and the rank correlations, an entry an epoch
+run/weights.safetensors   the weights' running average, which is what is used
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from rich.console import Console
+from rich.progress import track
+from safetensors.torch import save_file
+from torch import Tensor, distributed, nn
+
+from pretouch.errors import Conflict
+from pretouch_detector.training.augment import augmented
+from pretouch_detector.training.batch import Batch, batch_of
+from pretouch_detector.training.targets import Targets
+
+Loss = Callable[[Any, Batch], dict[str, Tensor]]
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long and how fast.
+
+    Attributes:
+        batch: views a step and process.
+        rectangles: of each view.
+        rate: the highest learning rate; it rises over the first twentieth of the steps, then falls as a cosine.
+        average: share of the running average that a step keeps.
+    """
+
+    epochs: int = 40
+    batch: int = 16
+    rectangles: int = 40
+    rate: float = 2e-3
+    decay: float = 0.02
+    average: float = 0.995
+    seed: int = 0
+
+
+class Trainer:
+    """Teaches `model` by `loss` and keeps its state in the folder `run`.
+
+    Raises:
+        Conflict: the folder holds a run with another schedule.
+    """
+
+    def __init__(self, model: nn.Module, loss: Loss, schedule: Schedule, run: Path, device: torch.device) -> None:
+        self.rank, self.world = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
+        if self.world > 1 and not distributed.is_initialized():
+            distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
+        self.model, self.loss, self.schedule, self.run, self.device = model.to(device), loss, schedule, run, device
+        self.averaged = torch.optim.swa_utils.AveragedModel(
+            self.model, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(schedule.average), use_buffers=True
+        )
+        self.optimiser = torch.optim.AdamW(model.parameters(), lr=schedule.rate, weight_decay=schedule.decay)
+        self.log: list[dict[str, float]] = []
+        run.mkdir(parents=True, exist_ok=True)
+        self._resume()
+
+    def train(self, views: Sequence[Targets], validation: Sequence[Targets]) -> None:
+        """All epochs that are left; each ends with a checkpoint."""
+        steps = max(1, len(views) // (self.schedule.batch * self.world))
+        for epoch in range(len(self.log), self.schedule.epochs):
+            entry = self._epoch(views, epoch, steps)
+            entry |= {f"validation {name}": value for name, value in self.judged(validation).items()}
+            self.log.append(entry)
+            if self.rank == 0:
+                self._save()
+
+    @torch.no_grad()
+    def judged(self, views: Sequence[Targets]) -> dict[str, float]:
+        """The terms of the loss on views as they are, by the averaged weights."""
+        self.averaged.eval()
+        rng = np.random.default_rng(0)
+        size = self.schedule.batch
+        terms = [
+            self.loss(self.averaged.module, batch_of(views[k : k + size], self.schedule.rectangles, rng, self.device))
+            for k in range(0, len(views), size)
+        ]
+        return {name: float(np.mean([float(each[name]) for each in terms])) for name in terms[0]}
+
+    def _epoch(self, views: Sequence[Targets], epoch: int, steps: int) -> dict[str, float]:
+        self.model.train()
+        size = self.schedule.batch
+        order = np.random.default_rng((self.schedule.seed, epoch)).permutation(len(views))
+        rng = np.random.default_rng((self.schedule.seed, epoch, self.rank))
+        sums: dict[str, float] = {}
+        console = Console(stderr=True)
+        title = f"epoch {epoch + 1} of {self.schedule.epochs}"
+        for step in track(range(steps), title, console=console, disable=self.rank > 0, transient=True):
+            first = (step * self.world + self.rank) * size
+            chosen = [augmented(views[k], rng) for k in order[first : first + size]]
+            self._set_rate((epoch * steps + step) / (self.schedule.epochs * steps))
+            terms = self.loss(self.model, batch_of(chosen, self.schedule.rectangles, rng, self.device))
+            self.optimiser.zero_grad(set_to_none=True)
+            torch.stack(list(terms.values())).sum().backward()
+            self._share_gradients()
+            nn.utils.clip_grad_norm_(self.model.parameters(), 2.0)
+            self.optimiser.step()
+            self.averaged.update_parameters(self.model)
+            for name, value in terms.items():
+                sums[name] = sums.get(name, 0.0) + float(value.detach()) / steps
+        return sums
+
+    def _set_rate(self, share: float) -> None:
+        warm = min(1.0, share / 0.05 + 0.01)
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.schedule.rate * warm * (0.01 + 0.99 * 0.5 * (1.0 + np.cos(np.pi * share)))
+
+    def _share_gradients(self) -> None:
+        """The mean over all processes; a loss may call a model's parts by themselves, which DDP would not see."""
+        if self.world == 1:
+            return
+        for parameter in self.model.parameters():
+            if parameter.grad is None:
+                parameter.grad = torch.zeros_like(parameter)
+            distributed.all_reduce(parameter.grad)
+            parameter.grad /= self.world
+
+    def _save(self) -> None:
+        state = {
+            "schedule": asdict(self.schedule),
+            "model": self.model.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "log": self.log,
+        }
+        draft = self.run / "checkpoint.pt.new"
+        torch.save(state, draft)
+        draft.replace(self.run / "checkpoint.pt")
+        (self.run / "log.json").write_text(json.dumps(self.log, indent=1) + "\n")
+        weights = {name: value.contiguous().cpu() for name, value in self.averaged.module.state_dict().items()}
+        save_file(weights, self.run / "weights.safetensors")
+
+    def _resume(self) -> None:
+        path = self.run / "checkpoint.pt"
+        if not path.exists():
+            return
+        state = torch.load(path, map_location=self.device, weights_only=True)
+        if state["schedule"] != asdict(self.schedule):
+            raise Conflict(
+                f"{self.run} holds a run with another schedule.", "Choose another folder, or the same settings."
+            )
+        self.model.load_state_dict(state["model"])
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.log = state["log"]
