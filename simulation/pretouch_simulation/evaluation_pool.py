@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Callable, Container, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from pretouch.errors import Conflict
 from pretouch_simulation.evaluation import Protocol, run_view, warm_up
 from pretouch_simulation.evaluation_rows import Run
-
-_ONE_THREAD = {
-    name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-}
-"""Every sum has one order then: the same numbers for any number of workers."""
+from pretouch_simulation.workers import in_workers
 
 Task = tuple[Path, int]
 """A mesh file and a view. All protocols run on it in one process, so that its images are made only once."""
@@ -103,44 +92,6 @@ def _results(
         (task, [p for p, key in zip(protocols, keys([task], protocols), strict=True) if key not in known])
         for task in tasks
     ]
-    missing = [(task, wanted) for task, wanted in missing if wanted]
-    if not missing:
-        return
-    context = multiprocessing.get_context("spawn")
-    with _environment(_ONE_THREAD):
-        pool = ProcessPoolExecutor(
-            min(workers, len(missing)), mp_context=context, initializer=_prepare_worker, initargs=(protocols,)
-        )
-        try:
-            for future in as_completed([pool.submit(run_view, *task, wanted) for task, wanted in missing]):
-                yield from future.result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _prepare_worker(protocols: Sequence[Protocol]) -> None:
-    """Leaves interrupts to the parent, ends with it, and compiles what the first run would else wait for."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    warm_up(protocols)
-
-
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
-
-
-@contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+    calls = [(*task, wanted) for task, wanted in missing if wanted]
+    for runs in in_workers(run_view, calls, workers, warm_up, (protocols,)):
+        yield from runs

@@ -72,18 +72,24 @@ def score(
     return errors, expected
 
 
-def _trial(view: LabelView, path: Trajectory | None, scoring: Scoring, k: int, trial: int) -> tuple[float, float]:
+def after_scan(
+    view: LabelView, path: Trajectory | None, truth: Pose, scoring: Scoring, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Error and expected error, m, once `path` is scanned where `truth` is right; `rng` draws the noise."""
     scene, settings = view.scene, scoring.settings
-    rng = generator("label", scoring.seed, view.case.name, view.case.view, k, trial)
-    truth = offset_about(scene.centroid, rng)
     if path is None:
-        return _error(scene.cloud, truth, Pose.identity()), from_prior(settings.prior, scene.cloud).expected_error
+        return mean_error(scene.cloud, truth, Pose.identity()), from_prior(settings.prior, scene.cloud).expected_error
     solution = solution_of(scene, [view.scanned(truth, path, scoring.finger, rng)], settings)
     correction = pose_of(solution.x, scene.centroid)
     left, _ = point_error(solution.covariance, correction.apply(scene.cloud), scene.centroid + solution.x[3:])
-    return _error(scene.cloud, truth, correction), left
+    return mean_error(scene.cloud, truth, correction), left
 
 
-def _error(cloud: Array, truth: Pose, correction: Pose) -> float:
-    """m: mean distance of the object's points, as corrected, from their true place."""
+def mean_error(cloud: Array, truth: Pose, correction: Pose) -> float:
+    """m: mean distance of the object's points (n, 3), as corrected, from their true place."""
     return float(np.linalg.norm(truth.apply(cloud) - correction.apply(cloud), axis=1).mean())
+
+
+def _trial(view: LabelView, path: Trajectory | None, scoring: Scoring, k: int, trial: int) -> tuple[float, float]:
+    rng = generator("label", scoring.seed, view.case.name, view.case.view, k, trial)
+    return after_scan(view, path, offset_about(view.scene.centroid, rng), scoring, rng)

@@ -1,0 +1,76 @@
+"""Many tasks in worker processes of one thread each: the same numbers for any number of workers."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+Answer = TypeVar("Answer")
+_ONE_THREAD = {
+    name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+}
+"""Every sum has one order then."""
+
+
+def in_workers(
+    function: Callable[..., Answer],
+    calls: Sequence[tuple[Any, ...]],
+    workers: int,
+    prepare: Callable[..., None],
+    arguments: tuple[Any, ...] = (),
+) -> Iterator[Answer]:
+    """`function(*call)` for each of `calls`, the answers as they come.
+
+    Args:
+        function: of a module, so that a worker finds it; so is `prepare`.
+        prepare: called once in each worker, with `arguments`: compiles and loads what the first call would wait for.
+
+    Raises:
+        KeyboardInterrupt: no further call was begun.
+    """
+    if not calls:
+        return
+    context = multiprocessing.get_context("spawn")
+    with _environment(_ONE_THREAD):
+        pool = ProcessPoolExecutor(
+            min(workers, len(calls)), mp_context=context, initializer=_begin, initargs=(prepare, arguments)
+        )
+        try:
+            for future in as_completed([pool.submit(function, *call) for call in calls]):
+                yield future.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _begin(prepare: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+    """Leaves interrupts to the parent, and ends with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    prepare(*arguments)
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
+
+
+@contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
