@@ -1,0 +1,110 @@
+"""A view seen from above the table, as a beam along the table's normal meets it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pretouch.camera import Camera
+from pretouch.geometry import Array
+from pretouch.scene import Scene
+
+AROUND = 0.05
+"""m of table around the object that are mapped."""
+_CELL = 0.003
+_MAX_CELLS = 160
+"""Along one side; a larger object gets larger cells."""
+_MOST_PIXELS = 100_000
+"""Of a larger view every second pixel is used in each direction, or every third, and so on."""
+_TABLE_BAND = 0.015
+"""m from the table's plane within which a pixel beside the object shows the table."""
+_CLOSING = 2
+"""Cells: narrower gaps between pixels' points are closed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Relief:
+    """Heights above the table over a grid of its plane; places are in the table's frame, the object's centroid at 0.
+
+    Attributes:
+        corner: (2,), m, the place of cell (0, 0).
+        cell: m, a cell's side.
+        height: (nx, ny), m: of the object's highest point there; 0 where none was seen.
+        known: (nx, ny): the camera saw object or table there.
+        away: (nx, ny), m, over the ground, from the object.
+        centre_height: m, the centroid's height above the table.
+        places: (h, w, 2), m: what lies at each pixel of the view, seen from above; NaN where neither object nor table.
+        first, step: the view's pixel (u, v) that `places[0, 0]` is of, and how many pixels apart its entries are.
+        spread: (3, 3), m^2, second moment of the object's points about their centroid.
+    """
+
+    corner: Array
+    cell: float
+    height: Array
+    known: NDArray[np.bool_]
+    away: Array
+    centre_height: float
+    places: Array
+    first: tuple[int, int]
+    step: int
+    spread: Array
+
+    def index(self, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The cells of places (..., 2), m; the nearest cell for a place beside the grid."""
+        cells = np.rint((places - self.corner) / self.cell).astype(np.intp)
+        nx, ny = self.height.shape
+        return cells[..., 0].clip(0, nx - 1), cells[..., 1].clip(0, ny - 1)
+
+
+def relief(scene: Scene) -> Relief:
+    """What the camera saw within AROUND of the object."""
+    near, first = scene.cropped(AROUND)
+    step = int(np.ceil(np.sqrt(near.mask.size / _MOST_PIXELS)))
+    depth, mask = near.depth.metres[::step, ::step], near.mask[::step, ::step]
+    c = near.camera
+    camera = Camera(c.fx / step, c.fy / step, c.cx / step, c.cy / step)
+    points = (scene.table.frame().inverse() @ scene.base_T_camera).apply(camera.organised(depth))
+    centroid = points[mask].mean(axis=0)
+    points[..., :2] -= centroid[:2]
+    table = ~mask & (depth > 0) & (np.abs(points[..., 2]) < _TABLE_BAND)
+    body = points[mask]
+
+    corner, end = body[:, :2].min(axis=0) - AROUND, body[:, :2].max(axis=0) + AROUND
+    cell = max(_CELL, float((end - corner).max()) / (_MAX_CELLS - 1))
+    shape = tuple(np.ceil((end - corner) / cell).astype(int) + 1)
+    top, ground = (_highest(cloud, corner, cell, shape) for cloud in (body, points[table]))
+    on = ndimage.binary_closing(np.isfinite(top), iterations=_CLOSING)
+    arms = body - (0.0, 0.0, centroid[2])
+    return Relief(
+        corner=corner,
+        cell=cell,
+        height=_filled(top, on),
+        known=on | ndimage.binary_closing(np.isfinite(ground), iterations=_CLOSING),
+        away=np.asarray(ndimage.distance_transform_edt(~on) * cell, dtype=np.float64),
+        centre_height=float(centroid[2]),
+        places=np.where((mask | table)[..., None], points[..., :2], np.nan),
+        first=first,
+        step=step,
+        spread=arms.T @ arms / len(arms),
+    )
+
+
+def _highest(cloud: Array, corner: Array, cell: float, shape: tuple[int, ...]) -> Array:
+    """(nx, ny), m: the height of the highest point of `cloud` (n, 3) over each cell; -inf without one."""
+    cells = np.rint((cloud[:, :2] - corner) / cell).astype(np.intp)
+    inside = ((cells >= 0) & (cells < shape)).all(axis=1)
+    heights = np.full(shape, -np.inf)
+    np.maximum.at(heights, tuple(cells[inside].T), cloud[inside, 2])
+    return heights
+
+
+def _filled(top: Array, on: NDArray[np.bool_]) -> Array:
+    """`top` (nx, ny), at least 0; in gaps that are `on` the object, its neighbours' mean; elsewhere 0."""
+    seen = np.isfinite(top)
+    heights = np.where(seen, np.maximum(top, 0.0), 0.0)
+    share = ndimage.gaussian_filter(seen.astype(np.float64), 1.0)
+    around = ndimage.gaussian_filter(heights, 1.0) / np.maximum(share, 1e-3)
+    return np.asarray(np.where(seen, heights, np.where(on, around, 0.0)), dtype=np.float64)
