@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
+import made_network
 import numpy as np
 import pytest
 from google.protobuf.message import Message
 from grpc.aio import AioRpcError
+from pretouch_detector.model.weights import Weights
+from pretouch_detector.proposals import deep
 from pretouch_detector.service import running as detector_running
 from pretouch_registrar.registration import Settings as RegistrationSettings
 from pretouch_registrar.registration import register
@@ -157,21 +161,31 @@ async def test_a_stream_out_of_order_is_refused() -> None:
             assert type(await refusal(stub.RegisterStream(iter(steps), timeout=60))) is kind
 
 
-async def test_the_detector_proposes_and_names_what_is_ready() -> None:
+@pytest.mark.parametrize("weights", ["good", "missing"])
+async def test_the_detector_proposes_and_names_what_is_ready(
+    weights: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = made_network.write(tmp_path / "weights") if weights == "good" else tmp_path
+    monkeypatch.setattr(deep, "WEIGHTS", Weights(folder, "scorer"))
+    best = ["deep"] if weights == "good" else []
     async with served("detector", detector_running, DetectorServiceStub) as stub:
         listed = (await stub.ListProposers(detector_pb2.ListProposersRequest(), timeout=60)).proposers
         ready = [info.name for info in listed if info.ready]
-        assert ready == ["stability", "random", "narf"]
+        assert ready == [*best, "stability", "random", "narf"]
         assert all(info.reason for info in listed if not info.ready)
         scene = scene_to_proto(SCENE)
-        answer = await stub.Propose(detector_pb2.ProposeRequest(scene=scene, count=7), timeout=60)
-        assert answer.proposer == "stability"
+        answer = await stub.Propose(detector_pb2.ProposeRequest(scene=scene, count=7, seed=3), timeout=60)
+        assert answer.proposer == ready[0]
         assert len(answer.regions) == 7
+        again = detector_pb2.ProposeRequest(scene=scene, proposer=ready[0], count=7, seed=3)
+        assert await stub.Propose(again, timeout=60) == answer
         same = await stub.Propose(detector_pb2.ProposeRequest(scene=scene, proposer="narf", seed=1), timeout=60)
         assert same.proposer == "narf"
         assert 1 <= len(same.regions) <= 20
         assert same == await stub.Propose(detector_pb2.ProposeRequest(scene=scene, proposer="narf", seed=2), timeout=60)
-        unready = detector_pb2.ProposeRequest(scene=scene, proposer="deep")
-        assert isinstance(await refusal(stub.Propose(unready, timeout=60)), Unavailable)
+        if not best:
+            refused = await refusal(stub.Propose(detector_pb2.ProposeRequest(scene=scene, proposer="deep"), timeout=60))
+            assert isinstance(refused, Unavailable)
+            assert refused.remedy == "Choose one of stability, random, narf."
         unknown = detector_pb2.ProposeRequest(scene=scene, proposer="oracle")
         assert isinstance(await refusal(stub.Propose(unknown, timeout=60)), InvalidInput)

@@ -1,4 +1,4 @@
-"""Starts the detector: kernels warm, servicer registered."""
+"""Starts the detector: network read, kernels warm, servicer registered."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import grpc.aio
 
 from pretouch.serving import Kit
 from pretouch.v1 import detector_pb2, detector_pb2_grpc
-from pretouch_detector.proposals.narf import warm_up
+from pretouch_detector.proposals import deep, narf
 from pretouch_detector.servicer import DetectorServicer
 
 
 @asynccontextmanager
 async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
     """Serves `pretouch.v1.DetectorService`."""
-    await kit.cpu(warm_up)
+    await kit.cpu(deep.warm_up, kit.settings.workers)
+    await kit.cpu(narf.warm_up)
     detector_pb2_grpc.add_DetectorServiceServicer_to_server(DetectorServicer(kit), server)
     yield (detector_pb2.DESCRIPTOR.services_by_name["DetectorService"].full_name,)

@@ -14,19 +14,17 @@ from pretouch.errors import InvalidInput, Unavailable
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Sensor
-from pretouch_detector.proposals import narf, random, stability
+from pretouch_detector.proposals import deep, narf, random, stability
 from pretouch_detector.proposals.region import ProposedRegion
 
 MAX_REGIONS = 200
-READY: dict[Proposer, Callable[[Scene, Sensor, int, np.random.Generator], list[ProposedRegion]]] = {
+_PROPOSERS: dict[Proposer, Callable[[Scene, Sensor, int, np.random.Generator], list[ProposedRegion]]] = {
+    Proposer.DEEP: deep.propose,
     Proposer.STABILITY: stability.propose,
     Proposer.RANDOM: random.propose,
     Proposer.NARF: narf.propose,
 }
-"""The proposers that can be used, the best first."""
-_NOT_READY = {
-    Proposer.DEEP: "This version ships no trained network.",
-}
+"""The best first."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Proposals:
 
 def readiness() -> list[tuple[Proposer, str]]:
     """Each proposer, the usable ones first, with the reason why it is not ready; empty when it is."""
-    return [(proposer, "") for proposer in READY] + list(_NOT_READY.items())
+    return sorted(((proposer, _obstacle(proposer)) for proposer in _PROPOSERS), key=lambda pair: bool(pair[1]))
 
 
 def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int, seed: int) -> Proposals:
@@ -51,8 +49,12 @@ def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int,
     """
     if not 1 <= count <= MAX_REGIONS:
         raise InvalidInput(f"{count} regions were asked for.", f"Ask for 1 to {MAX_REGIONS}.")
-    chosen = proposer or next(iter(READY))
-    if chosen not in READY:
-        names = ", ".join(READY)
-        raise Unavailable(f"The proposer {chosen} is not ready: {_NOT_READY[chosen]}", f"Choose one of {names}.")
-    return Proposals(chosen, READY[chosen](scene, sensor, count, np.random.default_rng(seed)))
+    chosen = proposer or readiness()[0][0]
+    if obstacle := _obstacle(chosen):
+        names = ", ".join(name for name, reason in readiness() if not reason)
+        raise Unavailable(f"The proposer {chosen} is not ready: {obstacle}", f"Choose one of {names}.")
+    return Proposals(chosen, _PROPOSERS[chosen](scene, sensor, count, np.random.default_rng(seed)))
+
+
+def _obstacle(proposer: Proposer) -> str:
+    return deep.not_ready() if proposer is Proposer.DEEP else ""
