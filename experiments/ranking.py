@@ -1,0 +1,144 @@
+"""How well each ranking of a view's rectangles foretells what scanning them achieves.
+
+    python experiments/ranking.py --dataset DIR [--side train|validation] [--out docs/results]
+
+DIR is a dataset of `pretouch labels generate --kind scans`: rectangles of views, some of them scanned on the displaced
+mesh. `foreseen` is the registrar's own slow prediction, `stability` and `deep` are the proposers of these names. Within
+each view Spearman's rank correlation is taken between the foretold errors and the mean error of the trials that were
+made; in the column before it, with `foreseen`, of all rectangles. One trial is mostly the luck of its displacement, so
+that even perfect foresight of the mean stays far below 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pretouch_detector.model.encoding import encode
+from pretouch_detector.proposals import deep
+from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.training.dataset import SIDES, Dataset, Example
+from scipy.stats import spearmanr
+
+from pretouch.errors import InvalidInput
+from pretouch.geometry import Array
+from pretouch.tof import Sensor
+
+LEAST = 5
+"""Scanned rectangles that a view must have to count."""
+Ranking = Callable[[Example], Array]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one ranking in one view.
+
+    Attributes:
+        foreseen, achieved: Spearman's correlation of the foretold errors with `foreseen`, and with the trials.
+        first: m, error achieved by the rectangle that is ranked first of those scanned.
+    """
+
+    foreseen: float
+    achieved: float
+    first: float
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--dataset", type=Path, required=True)
+    parser.add_argument("--side", choices=SIDES, default="validation")
+    parser.add_argument("--out", type=Path, help="also write ranking.md into this folder")
+    arguments = parser.parse_args()
+    text = report(Dataset(arguments.dataset), arguments.side)
+    print(text)
+    if arguments.out:
+        (arguments.out / "ranking.md").write_text(text)
+
+
+def rankings() -> dict[str, Ranking]:
+    """Those that are ready."""
+    ready: dict[str, Ranking] = {
+        "foreseen": lambda example: example.foreseen,
+        "stability": lambda example: remaining_error(example.scene, Sensor(), example.rectangles)[0],
+    }
+    if not deep.not_ready():
+        network = deep.WEIGHTS.network()
+        ready["deep"] = lambda example: network.errors(encode(example.scene), example.rectangles)
+    return ready
+
+
+def report(dataset: Dataset, side: str) -> str:
+    """The table, in Markdown.
+
+    Raises:
+        InvalidInput: no view of that side has enough scanned rectangles.
+    """
+    ready = rankings()
+    outcomes: dict[str, list[Outcome]] = {name: [] for name in ready}
+    seconds = dict.fromkeys(ready, 0.0)
+    objects, mean, least = set(), [], []
+    for example in dataset.examples(side):
+        errors = example.scores.mean(axis=1)
+        scanned = np.isfinite(errors)
+        if scanned.sum() < LEAST:
+            continue
+        objects.add(example.object)
+        mean.append(float(errors[scanned].mean()))
+        least.append(float(errors[scanned].min()))
+        for name, ranking in ready.items():
+            start = time.perf_counter()
+            foretold = ranking(example)
+            seconds[name] += time.perf_counter() - start
+            first = float(errors[scanned][np.argmin(foretold[scanned])])
+            outcomes[name].append(
+                Outcome(correlation(foretold, example.foreseen), correlation(foretold[scanned], errors[scanned]), first)
+            )
+    if not mean:
+        raise InvalidInput(
+            f"No view of the side {side} has {LEAST} scanned rectangles.", "Give a dataset of --kind scans."
+        )
+    return _markdown(outcomes, seconds, side, len(objects), mean, least)
+
+
+def correlation(a: Array, b: Array) -> float:
+    """Spearman's, of what is finite; 0 where one of the two is the same throughout: it ranks nothing."""
+    both = np.isfinite(a) & np.isfinite(b)
+    if both.sum() < 2 or np.ptp(a[both]) == 0 or np.ptp(b[both]) == 0:
+        return 0.0
+    return float(spearmanr(a[both], b[both])[0])
+
+
+def _markdown(
+    outcomes: Mapping[str, list[Outcome]], seconds: Mapping[str, float], side: str, objects: int, mean: list[float],
+    least: list[float],
+) -> str:  # fmt: skip
+    n = len(mean)
+    lines = [
+        f"# Rankings of rectangles against what their scans achieved: side {side}",
+        "",
+        f"n = {n} views of {objects} objects. Correlations are Spearman's within a view, mean ± its standard error.",
+        "Of those scanned, a rectangle drawn blindly leaves "
+        f"{100 * np.mean(mean):.2f} cm, the one with the luckiest trial {100 * np.mean(least):.2f} cm.",
+        "",
+        "| ranking | with `foreseen` | with the error achieved | error of the first, cm | ms a view |",
+        "|---|---|---|---|---|",
+    ]
+    for name, each in outcomes.items():
+        first = 100 * np.mean([o.first for o in each])
+        duration = "-" if name == "foreseen" else f"{1000 * seconds[name] / n:.0f}"
+        foreseen = "-" if name == "foreseen" else _with_error([o.foreseen for o in each])
+        achieved = _with_error([o.achieved for o in each])
+        lines.append(f"| {name} | {foreseen} | {achieved} | {first:.2f} | {duration} |")
+    return "\n".join(lines) + "\n"
+
+
+def _with_error(values: list[float]) -> str:
+    return f"{np.mean(values):.2f} ± {np.std(values) / np.sqrt(len(values)):.2f}"
+
+
+if __name__ == "__main__":
+    main()
