@@ -13,8 +13,8 @@ from torch import Tensor, nn
 from pretouch.errors import Malformed, NotFound
 from pretouch_detector.model.encoding import CHANNELS, SIZE
 from pretouch_detector.model.scorer import Scorer
+from pretouch_detector.model.weights import FORMAT
 
-FORMAT = 1
 OPSET = 17
 
 

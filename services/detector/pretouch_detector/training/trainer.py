@@ -8,6 +8,7 @@ run/weights.safetensors   the weights' running average, which is what is used
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -96,6 +97,7 @@ class Trainer:
         size = self.schedule.batch
         order = np.random.default_rng((self.schedule.seed, epoch)).permutation(len(views))
         rng = np.random.default_rng((self.schedule.seed, epoch, self.rank))
+        torch.manual_seed(int(rng.integers(2**31)))
         sums: dict[str, float] = {}
         console = Console(stderr=True)
         title = f"epoch {epoch + 1} of {self.schedule.epochs}"
@@ -117,7 +119,7 @@ class Trainer:
     def _set_rate(self, share: float) -> None:
         warm = min(1.0, share / 0.05 + 0.01)
         for group in self.optimiser.param_groups:
-            group["lr"] = self.schedule.rate * warm * (0.01 + 0.99 * 0.5 * (1.0 + np.cos(np.pi * share)))
+            group["lr"] = self.schedule.rate * warm * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
 
     def _share_gradients(self) -> None:
         """The mean over all processes; a loss may call a model's parts by themselves, which DDP would not see."""

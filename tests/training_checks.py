@@ -1,0 +1,141 @@
+"""What is checked with torch, in a process of its own: python tests/training_checks.py NAME FOLDER.
+
+torch and open3d are never in one process, and the suite's process has open3d.
+"""
+
+from __future__ import annotations
+
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import torch
+from pretouch_detector.model.encoding import CHANNELS, SIZE, Encoding
+from pretouch_detector.model.scorer import OUTPUTS, Scorer, perimeter
+from pretouch_detector.model.weights import load
+from pretouch_detector.training.export import Served, export_scorer, restore
+from pretouch_detector.training.scorer_loss import scorer_loss
+from pretouch_detector.training.targets import Targets
+from pretouch_detector.training.trainer import Schedule, Trainer
+
+from pretouch.errors import Conflict, Malformed, NotFound
+from pretouch.rectangle import RotatedRectangle
+
+CPU = torch.device("cpu")
+SCHEDULE = Schedule(epochs=2, batch=4, rectangles=8)
+
+
+def made_views(count: int, seed: int = 0) -> list[Targets]:
+    """Views in which a rectangle's error is its centre's height in the image, half of them not scanned."""
+    rng = np.random.default_rng(seed)
+    views = []
+    for _ in range(count):
+        image = rng.normal(size=(len(CHANNELS), SIZE, SIZE)).astype(np.float32)
+        rectangles = np.column_stack(
+            [rng.uniform(-0.5, 0.5, (12, 2)), rng.uniform(0.2, 0.6, (12, 2)), rng.uniform(-1.5, 1.5, 12)]
+        ).astype(np.float32)
+        error = 0.005 * np.exp(2 * rectangles[:, 1])
+        errors = np.column_stack([np.where(np.arange(12) < 6, error, np.nan), error, error]).astype(np.float32)
+        views.append(Targets(image, rectangles, errors))
+    return views
+
+
+class Interrupting(list[Targets]):
+    """Views that can be judged once; then comes Ctrl-C."""
+
+    judged = 0
+
+    def __len__(self) -> int:
+        self.judged += 1
+        if self.judged > 1:
+            raise KeyboardInterrupt
+        return super().__len__()
+
+
+def perimeters(folder: Path) -> None:
+    """The points lie on the rectangle, evenly, and tangents point along it."""
+    rng = np.random.default_rng(1)
+    given = np.column_stack([rng.normal(size=(50, 2)), rng.uniform(0.1, 2, (50, 2)), rng.uniform(-1.5, 1.5, 50)])
+    model = Scorer()
+    points, tangents, spacing = (each.double().numpy() for each in perimeter(torch.tensor(given), model.steps.double()))
+    for row, on, along, step in zip(given, points, tangents, spacing, strict=True):
+        rectangle = RotatedRectangle(*row)
+        assert np.abs(rectangle.distance(on)).max() < 1e-9
+        np.testing.assert_allclose(np.abs(rectangle.distance(on + 1e-4 * along)), 0, atol=1.01e-4)
+        gaps = np.linalg.norm(np.roll(on, -1, axis=0) - on, axis=1)
+        assert (gaps <= step + 1e-6).all()
+        assert np.isclose(gaps, step, atol=1e-6).sum() >= len(on) - 4
+
+
+def learns(folder: Path) -> None:
+    """Three dozen steps on a rule that can be seen bring the loss down."""
+    torch.manual_seed(0)
+    trainer = Trainer(Scorer(), scorer_loss, Schedule(epochs=6, batch=4, rectangles=12, average=0.5), folder, CPU)
+    trainer.train(made_views(24), made_views(8, 1))
+    first, last = trainer.log[0]["validation foreseen"], trainer.log[-1]["validation foreseen"]
+    assert last < 0.8 * first, (first, last)
+
+
+def resumes(folder: Path) -> None:
+    """A run stopped after an epoch and taken up again ends as one that was not."""
+    views, validation = made_views(8), made_views(4, 1)
+    for name, stops in (("whole", False), ("stopped", True)):
+        torch.manual_seed(0)
+        model = Scorer()
+        trainer = Trainer(model, scorer_loss, SCHEDULE, folder / name, CPU)
+        if stops:
+            with suppress(KeyboardInterrupt):
+                trainer.train(views, Interrupting(validation))
+            assert len(trainer.log) == 1
+            trainer = Trainer(Scorer(), scorer_loss, SCHEDULE, folder / name, CPU)
+            assert len(trainer.log) == 1
+        trainer.train(views, validation)
+    whole, stopped = (torch.load(folder / n / "checkpoint.pt", weights_only=True) for n in ("whole", "stopped"))
+    assert len(whole["log"]) == len(stopped["log"]) == 2
+    for name, value in whole["averaged"].items():
+        torch.testing.assert_close(value, stopped["averaged"][name], rtol=0, atol=1e-4)
+    try:
+        Trainer(Scorer(), scorer_loss, Schedule(epochs=3), folder / "whole", CPU)
+    except Conflict:
+        return
+    raise AssertionError("another schedule went on with the run")
+
+
+def served_equals_torch(folder: Path) -> None:
+    """onnxruntime answers as torch does, for any number of rectangles."""
+    torch.manual_seed(3)
+    model = Scorer()
+    for parameter in model.head.parameters():
+        torch.nn.init.normal_(parameter, std=0.1)
+    trainer = Trainer(model, scorer_loss, SCHEDULE, folder / "run", CPU)
+    trainer.train(made_views(4), made_views(4, 1))
+    export_scorer(folder / "run" / "weights.safetensors", folder / "served", {})
+    network = load(folder / "served", "scorer", 1)
+    restore(model, folder / "served" / "scorer.safetensors")
+    served = Served(model).eval()
+    for view in made_views(3, 7):
+        for n in (1, 5, 12):
+            encoding = Encoding(view.image, (0.0, 0.0), 1.0)
+            with torch.no_grad():
+                told = served(torch.tensor(view.image[None]), torch.tensor(view.rectangles[:n])).numpy()
+            np.testing.assert_allclose(network.errors(encoding, view.rectangles[:n]), np.exp(told[:, 0]), rtol=1e-4)
+    assert told.shape == (12, 2)
+    assert len(OUTPUTS) == 4
+
+
+def refuses(folder: Path) -> None:
+    """Weights that are missing, damaged or of another network."""
+    damaged = folder / "damaged.safetensors"
+    damaged.write_bytes(b"\x10\x00")
+    for path, kind in ((folder / "none.safetensors", NotFound), (damaged, Malformed)):
+        try:
+            restore(Scorer(), path)
+        except kind:
+            continue
+        raise AssertionError(path)
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    globals()[sys.argv[1]](Path(sys.argv[2]))
