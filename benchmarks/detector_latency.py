@@ -1,0 +1,170 @@
+"""How long proposing takes on 640 x 480 views, for each proposer; `deep` by onnxruntime beside plain torch.
+
+`python -m benchmarks.detector_latency [--meshes DIR] [--views N] [--repeats N] [--weights DIR] [--json OUT]`
+
+The views are the evaluation's (Kinect noise, one of each mesh in turn; without --meshes of the objects made in code),
+whole. Two threads on two cores. Torch, if it is there, runs the same network in a process of its own on exactly the
+questions that `deep` asked, after one round that does not count, without gradients.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pretouch_detector.model.encoding import Encoding
+from pretouch_detector.model.weights import FOLDER, Network, Weights
+from pretouch_detector.proposals import deep, narf, propose, readiness
+
+from benchmarks.narf import views
+from pretouch.errors import Unavailable
+from pretouch.scene import Scene
+from pretouch.session import Proposer
+from pretouch.tof import Sensor
+
+THREADS = 2
+REGIONS = 20
+Floats = np.ndarray[Any, np.dtype[np.floating[Any]]]
+
+
+class Recorder:
+    """A network that remembers what it was asked.
+
+    Attributes:
+        asked: image (1, C, S, S) and normalised rectangles (n, 5) of each question.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self._network = network
+        self.asked: list[tuple[Floats, Floats]] = []
+
+    def errors(self, encoding: Encoding, rectangles: Floats) -> Floats:
+        self.asked.append((encoding.image[None], encoding.normalised(rectangles)))
+        return self._network.errors(encoding, rectangles)
+
+
+def proposing(scenes: Sequence[Scene], repeats: int) -> dict[str, list[float]]:
+    """ms of each request, for each proposer that is ready."""
+    times: dict[str, list[float]] = {}
+    for proposer, reason in readiness():
+        if reason:
+            print(f"{proposer} is not ready: {reason}")
+            continue
+        times[proposer] = measured([_request(scene, proposer) for scene in scenes], repeats)
+    return times
+
+
+def _request(scene: Scene, proposer: Proposer) -> Callable[[], object]:
+    def request() -> object:
+        fresh = Scene(scene.depth, scene.camera, scene.base_T_camera, scene.mask, scene.table)
+        return propose(fresh, proposer, Sensor(), REGIONS, 0)
+
+    return request
+
+
+def measured(calls: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+    """ms of each call, `repeats` times all in turn, after one that does not count."""
+    calls[0]()
+    times = []
+    for _ in range(repeats):
+        for call in calls:
+            started = time.perf_counter()
+            call()
+            times.append(1e3 * (time.perf_counter() - started))
+    return times
+
+
+def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, Any]:
+    """ms of the network alone, by onnxruntime and by torch, on the questions of each view, and how far they are apart.
+
+    Raises:
+        Unavailable: the weights cannot be read, or torch cannot.
+    """
+    network = deep.WEIGHTS.network()
+    questions = []
+    for scene in scenes:
+        recorder = Recorder(network)
+        deep.regions(recorder, scene, REGIONS, np.random.default_rng(0))  # type: ignore[arg-type]
+        questions.append(recorder.asked)
+
+    def ask(question: list[tuple[Floats, Floats]]) -> list[Floats]:
+        names = ("image", "rectangles")
+        return [network.session.run(None, dict(zip(names, asked, strict=True)))[0] for asked in question]
+
+    answers = [ask(question) for question in questions]
+    times = measured([lambda question=question: ask(question) for question in questions], repeats)
+    torch_times, torch_answers = _by_torch(questions, repeats, folder)
+    mine, theirs = (np.concatenate([a for answer in each for a in answer]) for each in (answers, torch_answers))
+    return {"onnxruntime": times, "torch": torch_times, "apart": float(np.abs(mine - theirs).max())}
+
+
+def _by_torch(
+    questions: list[list[tuple[Floats, Floats]]], repeats: int, folder: Path
+) -> tuple[list[float], list[list[Floats]]]:
+    weights = folder / "scorer.safetensors"
+    if importlib.util.find_spec("torch") is None or not weights.is_file():
+        raise Unavailable("There is no torch, or no scorer.safetensors.", "Install pretouch[train].")
+    with tempfile.TemporaryDirectory() as name:
+        asked, told = Path(name) / "questions.npz", Path(name) / "answers.npz"
+        arrays = {
+            f"{what}-{k}-{j}": array
+            for k, question in enumerate(questions)
+            for j, pair in enumerate(question)
+            for what, array in zip(("image", "rectangles"), pair, strict=True)
+        }
+        np.savez(asked, **arrays)
+        command = ["-m", "benchmarks.detector_latency_torch", asked, told, weights, str(THREADS), str(repeats)]
+        subprocess.run([sys.executable, *command], check=True, timeout=1800)
+        with np.load(told) as file:
+            answers = [[file[f"{k}-{j}"] for j in range(len(question))] for k, question in enumerate(questions)]
+            return file["ms"].tolist(), answers
+
+
+def line(name: str, times: Sequence[float]) -> str:
+    p50, p95 = np.percentile(times, (50, 95))
+    return f"{name:36} p50 {p50:7.1f} ms   p95 {p95:7.1f} ms   n = {len(times)}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--meshes", type=Path, help="a folder of meshes instead of the objects made in code")
+    parser.add_argument("--views", type=int, default=24)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--weights", type=Path, default=FOLDER)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[-THREADS:]))
+    scenes = [scene for _, scene in views(options.views, options.meshes)]
+    narf.warm_up()
+    deep.WEIGHTS = Weights(options.weights, "scorer")
+    deep.warm_up(THREADS)
+    content: dict[str, Any] = {"command": " ".join(sys.argv), "threads": THREADS, "views": len(scenes)}
+    content["proposing_ms"] = proposing(scenes, options.repeats)
+    for name, times in content["proposing_ms"].items():
+        print(line(name, times))
+    try:
+        content["network"] = alone = networks(scenes, options.repeats, options.weights)
+    except Unavailable as missing:
+        print(f"No comparison with torch: {missing} {missing.remedy}")
+    else:
+        print(line("deep's network alone, onnxruntime", alone["onnxruntime"]))
+        print(line("deep's network alone, torch", alone["torch"]))
+        ratio = float(np.median(alone["torch"]) / np.median(alone["onnxruntime"]))
+        content["ratio"] = ratio
+        print(f"torch takes {ratio:.2f} times as long (medians); their answers agree within {alone['apart']:.1e}")
+    if options.json:
+        options.json.write_text(json.dumps(content, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
