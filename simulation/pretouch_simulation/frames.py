@@ -2,6 +2,8 @@
 
 A frame is `<id>.json` with intrinsics, `depth_unit_m`, the names of its depth and label images, and its objects, each
 with `name`, `label`, `mesh` and `T_cam_obj`, 4x4, m, camera axes x right, y down, z forward.
+
+Frames without poses can be looked at all the same (`load_images`, `labelled_in`).
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.protocol import PLACE, Case, generator, hidden_offset
 from pretouch_simulation.world import Body, World
 
-_KEYS = ("width", "height", "fx", "fy", "cx", "cy", "depth_unit_m", "files", "objects")
+_KEYS = ("width", "height", "fx", "fy", "cx", "cy", "depth_unit_m", "files")
 _MARGIN = 3
 """px around labelled objects that do not count as table: depth and labels do not fit exactly."""
 
@@ -67,6 +69,69 @@ class Frame:
         return np.asarray((self.labels == self.object(name).label) & (self.depth.metres > 0), dtype=np.bool_)
 
 
+@dataclass(frozen=True, eq=False)
+class FrameImages:
+    """What the camera gave, of any frame.
+
+    Attributes:
+        labels: (h, w), which object is at each pixel, 0 = none; None where the frame has no label image.
+    """
+
+    depth: DepthImage
+    camera: Camera
+    labels: NDArray[np.int64] | None
+
+
+def load_images(path: Path) -> FrameImages:
+    """Reads a frame's images and intrinsics.
+
+    Raises:
+        NotFound: the file, or one that it names, does not exist.
+        Malformed: it cannot be read.
+        InvalidInput: its images do not fit each other.
+    """
+    description = _description(path)
+    try:
+        camera = Camera(*(description[key] for key in ("fx", "fy", "cx", "cy")))
+        values = decode_depth(_file(path, description["files"]["depth"]).read_bytes())
+        named = description["files"].get("label")
+        labels = None
+        if named is not None:
+            labels = decode_png(_file(path, named).read_bytes(), "label image").astype(np.int64)
+        shape = (int(description["height"]), int(description["width"]))
+        depth = DepthImage.from_values(values, description["depth_unit_m"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise _misused(path, error) from error
+    if depth.metres.shape != shape or (labels is not None and labels.shape != shape):
+        given = "" if labels is None else f", labels {list(labels.shape)}"
+        raise InvalidInput(
+            f"{path.name} says {list(shape)} pixels (h, w); depth has {list(depth.metres.shape)}{given}.",
+            "Mend the frame's files.",
+        )
+    return FrameImages(depth, camera, labels)
+
+
+def labelled_in(path: Path) -> dict[int, str]:
+    """The frame's objects: label in the label image, and name, empty where it has none.
+
+    They are the `objects`; without any the `object_labels`; without those all that the label image holds but 0.
+
+    Raises:
+        PretouchError: as `load_images`.
+    """
+    description = _description(path)
+    try:
+        if description.get("objects"):
+            return {int(entry["label"]): str(entry["name"]) for entry in description["objects"]}
+        listed = description.get("object_labels")
+        if listed is not None:
+            return {int(label): "" for label in listed}
+    except (KeyError, TypeError, ValueError) as error:
+        raise _misused(path, error) from error
+    labels = load_images(path).labels
+    return {} if labels is None else {int(label): "" for label in np.unique(labels[labels > 0])}
+
+
 def load_frame(path: Path) -> Frame:
     """Reads a frame with ground-truth poses.
 
@@ -76,25 +141,20 @@ def load_frame(path: Path) -> Frame:
         InvalidInput: it has no ground-truth poses, images that do not fit each other, or no table.
     """
     description = _description(path)
-    try:
-        camera = Camera(*(description[key] for key in ("fx", "fy", "cx", "cy")))
-        values = decode_depth(_file(path, description["files"]["depth"]).read_bytes())
-        labels = decode_png(_file(path, description["files"]["label"]).read_bytes(), "label image")
-        objects = tuple(_object(path, entry) for entry in description["objects"])
-        shape = (int(description["height"]), int(description["width"]))
-        depth = DepthImage.from_values(values, description["depth_unit_m"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise Malformed(
-            f"{path.name} lacks or misuses {error}.", "See the frames' SOURCES.md for the format."
-        ) from error
-    if not (depth.metres.shape == labels.shape == shape):
+    if not description.get("objects"):
         raise InvalidInput(
-            f"{path.name} says {list(shape)} pixels (h, w); depth has {list(depth.metres.shape)}, labels "
-            f"{list(labels.shape)}.",
-            "Mend the frame's files.",
+            f"{path.name} names no object with its pose.",
+            "Choose a frame with objects, their meshes and ground-truth poses.",
         )
-    table = _table(path.name, camera, depth, labels.astype(np.int64))
-    return Frame(path.stem, depth, camera, labels.astype(np.int64), objects, table)
+    images = load_images(path)
+    if images.labels is None:
+        raise InvalidInput(f"{path.name} names no label image.", "Choose a frame with one.")
+    try:
+        objects = tuple(_object(path, entry) for entry in description["objects"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise _misused(path, error) from error
+    table = _table(path.name, images.camera, images.depth, images.labels)
+    return Frame(path.stem, images.depth, images.camera, images.labels, objects, table)
 
 
 def frame_case(frame: Frame, name: str, seed: int) -> Case:
@@ -111,7 +171,7 @@ def frame_case(frame: Frame, name: str, seed: int) -> Case:
     if not mask.any():
         raise InvalidInput(f"{name} has no depth in the frame {frame.name}.", "Choose another object or frame.")
     points = frame.camera.organised(frame.depth.metres)[mask]
-    base_T_camera = _base_T_camera(frame.table, points.mean(axis=0))
+    base_T_camera = upright(frame.table, points.mean(axis=0))
     bodies = [
         Body(load_mesh(thing.mesh), base_T_camera @ thing.camera_T_object)
         for thing in sorted(frame.objects, key=lambda thing: thing.name != name)
@@ -123,8 +183,11 @@ def frame_case(frame: Frame, name: str, seed: int) -> Case:
     )
 
 
-def _base_T_camera(table: Plane, centroid: NDArray[np.float64]) -> Pose:
-    """z along the table's normal, x along the view, the table at z = 0, `centroid` (camera frame) above `PLACE`."""
+def upright(table: Plane, centroid: NDArray[np.float64]) -> Pose:
+    """`base_T_camera` for a table and a point in the camera frame, m.
+
+    z along the table's normal, x along the view, the table at z = 0, `centroid` (3,) above `PLACE`.
+    """
     z = table.normal
     x = np.array([0.0, 0.0, 1.0]) - z[2] * z
     x = x / np.linalg.norm(x)
@@ -151,12 +214,13 @@ def _description(path: Path) -> dict[str, Any]:
     missing = [key for key in _KEYS if not isinstance(description, dict) or key not in description]
     if missing:
         raise InvalidInput(
-            f"{path.name} has no {', '.join(missing)}.",
-            "Choose a frame with intrinsics, images, and objects with ground-truth poses and meshes.",
+            f"{path.name} has no {', '.join(missing)}.", "Choose a frame with intrinsics, depth unit and images."
         )
-    if not description["objects"]:
-        raise InvalidInput(f"{path.name} names no object.", "Choose a frame with ground-truth poses.")
     return dict(description)
+
+
+def _misused(path: Path, error: Exception) -> Malformed:
+    return Malformed(f"{path.name} lacks or misuses {error}.", "See the frames' SOURCES.md for the format.")
 
 
 def _object(path: Path, entry: dict[str, Any]) -> FrameObject:

@@ -15,6 +15,10 @@ _SLACK = 0.001
 """m by which the centre of mass may stand outside its support."""
 _SAME_WAY = float(np.cos(np.radians(20.0)))
 """Cosine of the angle between two faces up to which resting on the one or the other is the same."""
+_MOST_VERTICES = 20_000
+"""Of a mesh that is looked at as it is; of a larger one, only the outermost."""
+_FINENESS = 15
+"""Of the directions in which vertices are outermost: there are about 3000."""
 
 
 def standing(mesh: Mesh) -> Mesh:
@@ -26,14 +30,15 @@ def standing(mesh: Mesh) -> Mesh:
     Raises:
         InvalidInput: the mesh is flat or a line.
     """
+    vertices = _outermost(mesh.vertices)
     try:
-        hull = ConvexHull(mesh.vertices)
+        hull = ConvexHull(vertices)
     except QhullError as error:
         raise InvalidInput("The mesh has no volume.", "Give a mesh with extent in all three directions.") from error
-    centre = _centre_of_mass(mesh.vertices, hull)
-    if _stands(mesh.vertices, centre, np.array([0.0, 0.0, -1.0])):
+    centre = _centre_of_mass(vertices, hull)
+    if _stands(vertices, centre, np.array([0.0, 0.0, -1.0])):
         return mesh.resting()
-    return _on(mesh, _preferred(mesh, hull, centre)[0])
+    return _on(mesh, _preferred(vertices, hull, centre)[0])
 
 
 def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
@@ -45,9 +50,10 @@ def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
         InvalidInput: the mesh is flat or a line.
     """
     first = standing(mesh)
-    hull = ConvexHull(first.vertices)
+    vertices = _outermost(first.vertices)
+    hull = ConvexHull(vertices)
     ways = [np.array([0.0, 0.0, -1.0])]
-    for down in _preferred(first, hull, _centre_of_mass(first.vertices, hull)):
+    for down in _preferred(vertices, hull, _centre_of_mass(vertices, hull)):
         if len(ways) < most and all(down @ way < _SAME_WAY for way in ways):
             ways.append(down)
     return [first, *(_on(first, down) for down in ways[1:])][:most]
@@ -57,16 +63,28 @@ def _on(mesh: Mesh, down: Array) -> Mesh:
     return mesh.moved(Pose.of(_turning_down(down), np.zeros(3))).resting()
 
 
-def _preferred(mesh: Mesh, hull: ConvexHull, centre: Array) -> list[Array]:
+def _outermost(vertices: Array) -> Array:
+    """(k, 3) of the vertices (n, 3): all, or of very many the outermost one in each of some directions all around."""
+    if len(vertices) <= _MOST_VERTICES:
+        return vertices
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    out = (2.0 * vertices - low - high) / np.maximum(high - low, np.finfo(float).tiny)
+    radii = np.linalg.norm(out, axis=1)
+    cells = np.floor(_FINENESS * out / np.maximum(radii, np.finfo(float).tiny)[:, None]) @ [1.0, 1e3, 1e6]
+    order = np.lexsort((radii, cells))
+    return np.asarray(vertices[order[np.append(np.diff(cells[order]) != 0, True)]])
+
+
+def _preferred(vertices: Array, hull: ConvexHull, centre: Array) -> list[Array]:
     """Unit directions (3,) of the hull's faces on which the mesh stands, the one that looks largest first."""
     share: dict[tuple[float, ...], float] = {}
     faces: dict[tuple[float, ...], Array] = {}
     for simplex, equation in zip(hull.simplices, hull.equations, strict=True):
         down = equation[:3]
-        if _stands(mesh.vertices, centre, down):
+        if _stands(vertices, centre, down):
             facet = tuple(np.round(down, 3))
             faces.setdefault(facet, down)
-            share[facet] = share.get(facet, 0.0) + _solid_angle(mesh.vertices[simplex] - centre)
+            share[facet] = share.get(facet, 0.0) + _solid_angle(vertices[simplex] - centre)
     return [faces[facet] for facet in sorted(share, key=lambda facet: -share[facet])]
 
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 Answer = TypeVar("Answer")
-_ONE_THREAD = {
+ONE_THREAD = {
     name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 }
 """Every sum has one order then."""
@@ -37,7 +37,7 @@ def in_workers(
     if not calls:
         return
     context = multiprocessing.get_context("spawn")
-    with _environment(_ONE_THREAD):
+    with _environment(ONE_THREAD):
         pool = ProcessPoolExecutor(
             min(workers, len(calls)), mp_context=context, initializer=_begin, initargs=(prepare, arguments)
         )

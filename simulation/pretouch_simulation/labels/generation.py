@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,12 @@ from pretouch_detector.training.dataset import Dataset, Example, write
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.engines.batch import Matching
 
-from pretouch.errors import InvalidInput
+from pretouch.errors import InvalidInput, PretouchError
 from pretouch.geometry import Array
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels import scans
-from pretouch_simulation.labels.task import Task
-from pretouch_simulation.labels.view import LabelView, view_of
+from pretouch_simulation.labels.task import ViewTask
+from pretouch_simulation.labels.view import LabelView
 from pretouch_simulation.protocol import generator
 
 MATCHINGS = {Engine.PAPER: Matching.PAPER, Engine.MAP: Matching.MAP, Engine.PCL: Matching.PCL}
@@ -60,37 +60,65 @@ class Recipe:
                 f"Algorithm 1 does not match by {self.engine}.",
                 f"Choose one of {', '.join(MATCHINGS)}, or --kind scans.",
             )
+        if self.kind is Kind.TRIALS and self.finger is not FingerModel.IDEAL:
+            raise InvalidInput("Algorithm 1 knows no finger.", "Leave out --finger, or choose --kind scans.")
+        if self.kind is Kind.SCANS and self.best_only:
+            raise InvalidInput("Only Algorithm 1 can be pruned.", "Leave out --best-only, or choose --kind trials.")
+        if self.kind is Kind.SCANS and not 1 <= self.scanned <= self.rectangles:
+            raise InvalidInput(
+                f"{self.scanned} of {self.rectangles} rectangles cannot be scanned.",
+                "Give --scanned from 1 to --rectangles.",
+            )
+        if self.rectangles < 1 or self.trials < 1:
+            raise InvalidInput(
+                f"{self.rectangles} rectangles with {self.trials} trials each score nothing.",
+                "Give at least 1 of each.",
+            )
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one view: its name; and why it has no labels, empty where it has."""
+    """Of one view.
+
+    Attributes:
+        problem: why it has no labels, and what to do about it; empty where it has.
+        defect: whether that is pretouch's fault.
+    """
 
     name: str
-    problem: str = field(default="")
+    problem: str = ""
+    defect: bool = False
 
 
-def label(task: Task, recipe: Recipe, folder: Path, threads: int | None = 1) -> None:
+def labelled(task: ViewTask, recipe: Recipe, folder: Path) -> Outcome:
+    """`label` on one thread; what goes wrong is said in the outcome, so that other views go on."""
+    try:
+        label(task, recipe, folder)
+    except PretouchError as error:
+        return Outcome(task.name, f"{error.detail} {error.remedy}".strip())
+    except Exception as error:  # one odd mesh must not end the making of a thousand others
+        return Outcome(task.name, f"{type(error).__name__}: {error}", defect=True)
+    return Outcome(task.name)
+
+
+def label(task: ViewTask, recipe: Recipe, folder: Path, threads: int | None = 1) -> None:
     """Makes the view and its labels, and writes their file.
 
     Raises:
         PretouchError: the object cannot be shown, or none of it can be scanned.
     """
-    view = view_of(task.case(recipe.seed))
     rng = generator("rectangles", recipe.seed, task.name)
     if recipe.kind is Kind.TRIALS:
+        scene, origin = task.scene(recipe.seed)
         settings = trials.Settings(recipe.rectangles, recipe.trials, MATCHINGS[recipe.engine], recipe.best_only)
-        rectangles, scores = trials.label(view.scene, settings, rng, threads)
+        rectangles, scores = trials.label(scene, settings, rng, threads)
         expected, foreseen = np.full_like(scores, np.nan), np.full(len(scores), np.nan)
     else:
+        view = task.seen(recipe.seed)
+        scene, origin = view.scene, view.origin
         rectangles, scores, expected, foreseen = _scanned(view, recipe, rng)
-    provenance: dict[str, Any] = {
-        "source": task.source.name if isinstance(task.source, Path) else "made in code",
-        "pose": task.pose,
-        "view": task.view,
-        "first_pixel": list(view.origin),
-    }
-    example = Example(task.name, task.object, view.scene, rectangles, scores, expected, foreseen, provenance)
+    provenance = {**task.provenance, "first_pixel": list(origin)}
+    example = Example(task.name, task.object, scene, rectangles, scores, expected, foreseen, provenance)
     write(Dataset(folder).path(task.side, task.name), example)
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Protocol
 
 from pretouch.errors import InvalidInput
+from pretouch.scene import Scene
 from pretouch_simulation.labels.procedural import procedural
+from pretouch_simulation.labels.view import LabelView, view_of
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.protocol import Case, case_of, generator
 from pretouch_simulation.split import object_of, split_of
@@ -15,6 +18,32 @@ from pretouch_simulation.stable_pose import resting_poses
 
 _POSES = 3
 """Resting poses that are looked for; an object with fewer is shown in those it has again, from elsewhere."""
+
+
+class ViewTask(Protocol):
+    """What can be labelled: a `Task`, or an object of a depth frame."""
+
+    @property
+    def name(self) -> str:
+        """Of the view, unique in its dataset."""
+
+    @property
+    def object(self) -> str:
+        """All views of it are on one side."""
+
+    @property
+    def side(self) -> str:
+        """train or validation."""
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where the view comes from."""
+
+    def scene(self, seed: int) -> tuple[Scene, tuple[int, int]]:
+        """What a session sees, and its first pixel (u0, v0); raises `PretouchError` where that is nothing."""
+
+    def seen(self, seed: int) -> LabelView:
+        """The same beside the world that it was made of; raises `PretouchError` where there is none."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +79,20 @@ class Task:
     def side(self) -> str:
         """train or validation."""
         return split_of(self.stem).value if isinstance(self.source, Path) else "train"
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        source = self.source.name if isinstance(self.source, Path) else "made in code"
+        return {"source": source, "pose": self.pose, "view": self.view}
+
+    def scene(self, seed: int) -> tuple[Scene, tuple[int, int]]:
+        """What a session sees, and its first pixel; raises as `case`."""
+        view = self.seen(seed)
+        return view.scene, view.origin
+
+    def seen(self, seed: int) -> LabelView:
+        """The view as a session sees it, and its world; raises as `case`."""
+        return view_of(self.case(seed))
 
     def case(self, seed: int) -> Case:
         """The view itself.

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from pretouch_orchestrator.loop import viewed
 
+from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Pose
 from pretouch.scene import Scene
 from pretouch.session import Planner, SessionRequest
@@ -45,16 +47,24 @@ class LabelView:
 
 
 def view_of(case: Case) -> LabelView:
-    """The view that a session makes of the case: table found, cropped, specks removed.
+    """The view that a session makes of the case.
 
     Raises:
         InvalidInput: no object or no table is found.
     """
-    request = SessionRequest(
-        camera=case.camera,
-        base_T_camera=case.base_T_camera,
-        depth_scale=1.0,
-        proposer=None,
-        planner=Planner.INFORMATION,
-    )
-    return LabelView(case, *viewed(request, case.depth, case.mask))
+    return LabelView(case, *scene_of(case.camera, case.base_T_camera, case.depth, case.mask))
+
+
+def scene_of(
+    camera: Camera, base_T_camera: Pose, depth: DepthImage, mask: NDArray[np.bool_] | None
+) -> tuple[Scene, tuple[int, int]]:
+    """What a session makes of a depth image: table found, cropped, specks removed; and the first pixel (u0, v0).
+
+    Args:
+        mask: (h, w), True on the object; None: it is looked for.
+
+    Raises:
+        InvalidInput: no object or no table is found.
+    """
+    request = SessionRequest(camera, base_T_camera, depth_scale=1.0, proposer=None, planner=Planner.INFORMATION)
+    return viewed(request, depth, mask)
