@@ -1,0 +1,77 @@
+"""Jobs of one scan each made by worker processes, kept as they come, with what they will cost told before."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from kept import Kept
+from one_scan import CANDIDATES, PAPER, Job, Row, prepare, run_job
+from pretouch_detector.proposals import readiness
+from pretouch_simulation.workers import in_workers
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from pretouch.session import Proposer
+
+SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).resolve().parents[2] / "shared"))
+RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
+PROPOSERS = (Proposer.RANDOM, Proposer.NARF, Proposer.STABILITY, Proposer.DEEP)
+_SECONDS = {"ideal": 0.25, "vl6180x": 0.45, PAPER: 0.02}
+"""Of one core, for one scan and its match."""
+_VIEW_SECONDS = 1.0
+
+
+def ready(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
+    """Those that can be used, and why the others cannot."""
+    reasons = dict(readiness())
+    wanted = list(wanted)
+    missing = {proposer.value: reasons[proposer] for proposer in wanted if reasons[proposer]}
+    return [proposer for proposer in wanted if not reasons[proposer]], missing
+
+
+def collect(jobs: Sequence[Job], workers: int | None, path: Path, settings: dict[str, Any], title: str) -> list[Row]:
+    """Makes all jobs that `path` does not hold the rows of; in the order of the jobs.
+
+    Raises:
+        Conflict: `path` holds rows made with other settings.
+        KeyboardInterrupt: what was made by then is in `path`.
+    """
+    kept = Kept(path, settings)
+    rows = {row.key: row for row in (Row(**values) for values in kept.rows)}
+    missing = [job for job in jobs if job.key not in rows]
+    processes = workers or os.cpu_count() or 1
+    console = Console(stderr=True)
+    costs = {job.key: _cost(job) for job in jobs}
+    seconds = sum(costs[job.key] for job in missing) / processes
+    console.print(f"{title}: {len(missing)} of {len(jobs)} jobs to do, about {seconds:.0f} s in {processes} processes")
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn(elapsed_when_finished=True), console=console) as progress:
+        bar = progress.add_task(
+            title, total=sum(costs.values()), completed=int(sum(costs.get(key, 0.0) for key in rows))
+        )
+        setups = tuple(dict.fromkeys(job.setup for job in missing))
+        for row in in_workers(run_job, [(job,) for job in missing], processes, prepare, (setups,)):
+            kept.add(row.as_dict())
+            rows[row.key] = row
+            progress.advance(bar, costs[row.key])
+    for row in rows.values():
+        if row.problem:
+            console.print(f"{row.target}, {row.setup}, {row.subject}: {row.problem}")
+    return [rows[job.key] for job in jobs]
+
+
+def jobs_of(
+    target: Any, setup: str, proposers: Sequence[Proposer], offsets: int, seed: int, first: int, candidates: int
+) -> list[Job]:
+    """One for each proposer's `first` rectangles, and before them one for `candidates`, if any."""
+    subjects = [(CANDIDATES, candidates)] if candidates else []
+    subjects += [(proposer.value, first) for proposer in proposers]
+    return [Job(target, setup, subject, count, offsets, seed) for subject, count in subjects]
+
+
+def _cost(job: Job) -> float:
+    """s of one core."""
+    return _VIEW_SECONDS + job.count * job.offsets * _SECONDS[job.setup]

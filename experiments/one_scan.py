@@ -1,0 +1,219 @@
+"""One view, many rectangles: what the pose error is after one scan of each, averaged over hidden offsets.
+
+All rectangles of a view meet the same hidden offsets, so that they compare; the noise is each scan's own.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pretouch_detector.proposals import propose
+from pretouch_detector.proposals.region import ProposedRegion
+from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Settings, register
+from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.frames import frame_case, load_frame
+from pretouch_simulation.labels import scans
+from pretouch_simulation.labels.view import LabelView, view_of
+from pretouch_simulation.mesh import load_mesh
+from pretouch_simulation.objects import box
+from pretouch_simulation.paper_setting import cut
+from pretouch_simulation.protocol import case_of, generator, make_case, offset_about
+
+from pretouch.errors import PretouchError
+from pretouch.geometry import Array, Pose
+from pretouch.rectangle import RotatedRectangle
+from pretouch.session import Proposer
+from pretouch.tof import Scan
+
+CANDIDATES = "candidates"
+"""The subject that is no proposer's: random rectangles among which the oracle chooses."""
+PAPER = "paper"
+_SESSION_REGIONS = 20
+"""A session asks its detector for so many; the first of them count."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A view of a mesh file, or an object of a real frame's file with a calibration error."""
+
+    path: Path
+    view: int
+    thing: str = ""
+
+    @property
+    def object(self) -> str:
+        return self.thing or self.path.stem
+
+    @property
+    def name(self) -> str:
+        """What tells it from all others."""
+        return f"{self.path.stem} {self.thing} {self.view}" if self.thing else f"{self.path.stem} {self.view}"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One target scanned in one way along the rectangles of one subject.
+
+    Attributes:
+        setup: "ideal" or "vl6180x", the finger on the displaced mesh and engine `posterior`; "paper", the paper's own
+            setting, the source cut out of the moved cloud and engine `paper`.
+        subject: a proposer's name, or CANDIDATES.
+        count: rectangles; a proposer may give fewer.
+        offsets: hidden calibration errors.
+    """
+
+    target: Target
+    setup: str
+    subject: str
+    count: int
+    offsets: int
+    seed: int
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        return self.target.name, self.setup, self.subject
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of a job.
+
+    Attributes:
+        rectangles: in the scene's pixels, the best first.
+        confidence: the proposer's, one a rectangle.
+        errors: m, (r, offsets).
+        initial: m, (offsets,): without a scan.
+        foreseen: m, (r,): what the registrar foretold; of CANDIDATES under a finger only, else empty.
+        pathless: rectangles that cannot be scanned: their errors are the initial ones.
+        problem: why there is nothing else, else empty.
+    """
+
+    target: str
+    object: str
+    view: int
+    setup: str
+    subject: str
+    count: int
+    offsets: int
+    seed: int
+    rectangles: list[list[float]]
+    confidence: list[float]
+    errors: list[list[float]]
+    initial: list[float]
+    foreseen: list[float]
+    pathless: int
+    problem: str = ""
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        return self.target, self.setup, self.subject
+
+    @property
+    def made(self) -> tuple[int, int]:
+        """Rows of one table agree in this."""
+        return self.offsets, self.seed
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def run_job(job: Job) -> Row:
+    """Makes the job; an error of pretouch's own is part of the answer."""
+    about: dict[str, Any] = {
+        **{"target": job.target.name, "object": job.target.object, "view": job.target.view},
+        **{"setup": job.setup, "subject": job.subject, "count": job.count, "offsets": job.offsets, "seed": job.seed},
+    }
+    try:
+        return Row(**about, **_scored(job))
+    except PretouchError as error:
+        nothing: dict[str, Any] = {name: [] for name in ("rectangles", "confidence", "errors", "initial", "foreseen")}
+        return Row(**about, **nothing, pathless=0, problem=f"{error.detail} {error.remedy}".strip())
+
+
+def prepare(setups: Sequence[str]) -> None:
+    """Compiles and loads what the first job would else wait for."""
+    view = view_of(case_of("warm-up", box(), 0, generator("warm-up")))
+    v, u = np.argwhere(view.scene.mask).mean(axis=0)
+    rectangles = [RotatedRectangle(u, v, 30, 30, 0)]
+    for setup in setups:
+        _errors(view, rectangles, Job(Target(Path("warm-up"), 0), setup, CANDIDATES, 1, 1, 0))
+
+
+@lru_cache(maxsize=6)
+def seen(target: Target, seed: int) -> LabelView:
+    """The target as a session sees it, beside its world.
+
+    Raises:
+        PretouchError: it cannot be read, or is not seen.
+    """
+    if target.thing:
+        return view_of(frame_case(load_frame(target.path), target.thing, target.view))
+    return view_of(make_case(target.path.stem, load_mesh(target.path), target.view, seed))
+
+
+def proposed(view: LabelView, proposer: Proposer, finger: FingerModel, count: int) -> list[ProposedRegion]:
+    """The first `count` regions that a session on this view would be given.
+
+    Raises:
+        Unavailable: the proposer is not ready.
+    """
+    seed = zlib.crc32(view.scene.depth.metres.tobytes())
+    return propose(view.scene, proposer, sensor_of(finger), max(count, _SESSION_REGIONS), seed).regions[:count]
+
+
+def _scored(job: Job) -> dict[str, Any]:
+    view = seen(job.target, job.seed)
+    finger = FingerModel.IDEAL if job.setup == PAPER else FingerModel(job.setup)
+    foretold = job.subject == CANDIDATES and job.setup != PAPER
+    proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
+    regions = proposed(view, proposer, finger, job.count)
+    rectangles = [region.rectangle for region in regions]
+    errors, foreseen, pathless = _errors(view, rectangles, job, foretold)
+    cloud, truths = view.scene.cloud, _truths(view, job)
+    return {
+        "rectangles": [np.round(rectangle.as_list(), 4).tolist() for rectangle in rectangles],
+        "confidence": [round(region.confidence, 5) for region in regions],
+        "errors": np.round(errors, 7).tolist(),
+        "initial": [round(scans.mean_error(cloud, truth, Pose.identity()), 7) for truth in truths],
+        "foreseen": np.round(foreseen, 7).tolist(),
+        "pathless": pathless,
+    }
+
+
+def _truths(view: LabelView, job: Job) -> list[Pose]:
+    names = ("hidden offset", job.seed, job.target.name)
+    return [offset_about(view.scene.centroid, generator(*names, k)) for k in range(job.offsets)]
+
+
+def _errors(
+    view: LabelView, rectangles: Sequence[RotatedRectangle], job: Job, foretold: bool = False
+) -> tuple[Array, Array, int]:
+    """Errors (r, o), m, what was foretold of them (r,), m, and how many rectangles have no path."""
+    errors = np.full((len(rectangles), job.offsets), np.nan)
+    scoring = scans.Scoring(finger=FingerModel.IDEAL if job.setup == PAPER else FingerModel(job.setup))
+    paths = [None] * len(rectangles) if job.setup == PAPER else scans.paths_of(view, rectangles, scoring)
+    for o, truth in enumerate(_truths(view, job)):
+        for k, rectangle in enumerate(rectangles):
+            rng = generator("one scan", *job.key, job.seed, k, o)
+            if job.setup == PAPER:
+                errors[k, o] = _cut_error(view, rectangle, truth, rng)
+            else:
+                errors[k, o], _ = scans.after_scan(view, paths[k], truth, scoring, rng)
+    foreseen = scans.foreseen(view, paths, scoring) if foretold else np.zeros(0)
+    return errors, foreseen, 0 if job.setup == PAPER else paths.count(None)
+
+
+def _cut_error(view: LabelView, rectangle: RotatedRectangle, truth: Pose, rng: np.random.Generator) -> float:
+    """m: the paper's own setting; the whole object counts, not only what was cut out."""
+    scene = view.scene
+    points = cut(view.case, truth.apply(scene.cloud), rectangle.shifted(*view.origin), rng)
+    scan = Scan.of_points(points, -scene.table.normal)
+    estimate = register(scene, [scan], Settings(Engine.PAPER))
+    return scans.mean_error(scene.cloud, truth, estimate.base_T_correction)

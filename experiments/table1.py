@@ -1,0 +1,129 @@
+"""The paper's Table 1, in its own setting and in the real one, with the oracle beside it.
+
+    python experiments/table1.py [--meshes DIR] [--proposers random narf stability deep] [--views 2] [--offsets 4]
+        [--settings real paper] [--sensors ideal vl6180x] [--candidates 60] [--oracle ideal paper] [--oracle-views 1]
+        [--out docs/results]
+
+Each of a proposer's first ten rectangles on each view of each mesh is scanned alone with `--offsets` hidden calibration
+errors. On the first `--oracle-views` views so are `--candidates` random rectangles, for the oracle. Writes table1.md,
+table1.json (every error) and table1.png. DIR is data/meshes/table1 of PRETOUCH_SHARED unless given. A run that was
+stopped goes on when it is started again. Rows of an earlier table1.json that this run does not make anew stay in it if
+their offsets and seed are the same: another proposer can be added later.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from collecting import PROPOSERS, RESULTS, SHARED, collect, jobs_of, ready
+from one_scan import CANDIDATES, PAPER, Job, Row, Target
+from one_scan_picture import save
+from one_scan_text import section
+from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.mesh_folder import meshes_in
+from pretouch_simulation.split import Split
+
+from pretouch.errors import InvalidInput, PretouchError
+from pretouch.session import Proposer
+
+FIRST = 10
+SETTINGS = ("real", PAPER)
+_ORDER = (CANDIDATES, *PROPOSERS)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--meshes", type=Path, default=SHARED / "data" / "meshes" / "table1")
+    parser.add_argument("--split", type=Split, choices=list(Split))
+    parser.add_argument("--limit", type=int)
+    parser.add_argument("--proposers", type=Proposer, nargs="+", choices=list(Proposer), default=list(PROPOSERS))
+    parser.add_argument("--views", type=int, default=2)
+    parser.add_argument("--offsets", type=int, default=4)
+    parser.add_argument("--settings", nargs="+", choices=SETTINGS, default=list(SETTINGS))
+    parser.add_argument("--sensors", type=FingerModel, nargs="+", choices=list(FingerModel), default=list(FingerModel))
+    parser.add_argument("--candidates", type=int, default=60, help="0: no oracle")
+    parser.add_argument("--oracle", nargs="*", choices=[*FingerModel, PAPER], default=[FingerModel.IDEAL, PAPER])
+    parser.add_argument("--oracle-views", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    try:
+        run(parser.parse_args())
+    except PretouchError as error:
+        sys.exit(f"{error.detail} {error.remedy}")
+    except KeyboardInterrupt:
+        sys.exit("Interrupted. The same command goes on.")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Makes what is asked for and writes everything into `arguments.out`."""
+    if min(arguments.views, arguments.offsets) < 1 or arguments.candidates < 0:
+        raise InvalidInput("There is nothing to scan.", "Give at least one view and one offset.")
+    proposers, missing = ready(arguments.proposers)
+    jobs = jobs_for(arguments, proposers)
+    settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
+    out: Path = arguments.out
+    rows = collect(jobs, arguments.workers, out / "table1.partial", settings, "table 1")
+    command = shlex.join(["python", "experiments/table1.py", *sys.argv[1:]])
+    earlier, commands = _earlier(out / "table1.json", rows, {job.target.name for job in jobs})
+    rows = sorted([*earlier, *rows], key=lambda row: (row.target, _ORDER.index(row.subject)))
+    commands = [*commands, command]
+    setups = [setup for setup in _setups(SETTINGS, list(FingerModel)) if any(row.setup == setup for row in rows)]
+    content = {"commands": commands, "not_ready": missing, "rows": [row.as_dict() for row in rows]}
+    (out / "table1.json").write_text(json.dumps(content) + "\n")
+    text = [
+        f"# One scan of each of the first {FIRST} proposals\n\nMade by `{'`, then `'.join(commands)}`. Errors in cm.\n"
+    ]
+    text += [section(rows, setup, _still_missing(rows, setup, missing)) for setup in setups]
+    save([row for setup in setups for row in rows if row.setup == setup], out / "table1.png")
+    text.append("![Errors by object](table1.png)\n")
+    (out / "table1.md").write_text("\n".join(text))
+    (out / "table1.partial").unlink(missing_ok=True)
+    print("\n".join(text))
+
+
+def jobs_for(arguments: argparse.Namespace, proposers: Sequence[Proposer]) -> list[Job]:
+    """A view's jobs come together: a worker keeps the last few views."""
+    jobs = []
+    for view in range(arguments.views):
+        for path in meshes_in(arguments.meshes, limit=arguments.limit, split=arguments.split):
+            for setup in _setups(arguments.settings, arguments.sensors):
+                wanted = setup in arguments.oracle and view < arguments.oracle_views
+                candidates = arguments.candidates if wanted else 0
+                target = Target(path, view)
+                jobs += jobs_of(target, setup, proposers, arguments.offsets, arguments.seed, FIRST, candidates)
+    return jobs
+
+
+def _setups(settings: Sequence[str], sensors: Sequence[FingerModel]) -> list[str]:
+    real = [sensor.value for sensor in sensors] if "real" in settings else []
+    return [*real, PAPER] if PAPER in settings else real
+
+
+def _earlier(path: Path, rows: Sequence[Row], targets: set[str]) -> tuple[list[Row], list[str]]:
+    """The rows of an earlier run that fit beside the new ones, and its commands; neither if none fit."""
+    if not path.exists():
+        return [], []
+    content = json.loads(path.read_text())
+    keys, made = {row.key for row in rows}, {row.setup: row.made for row in rows}
+    every = [Row(**values) for values in content["rows"]]
+    fitting = [
+        row
+        for row in every
+        if row.key not in keys and row.target in targets and made.get(row.setup, row.made) == row.made
+    ]
+    return fitting, content["commands"] if fitting else []
+
+
+def _still_missing(rows: Sequence[Row], setup: str, missing: dict[str, str]) -> dict[str, str]:
+    there = {row.subject for row in rows if row.setup == setup}
+    return {name: reason for name, reason in missing.items() if name not in there}
+
+
+if __name__ == "__main__":
+    main()
