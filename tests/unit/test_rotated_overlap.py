@@ -1,0 +1,53 @@
+"""Intersection over union of rotated rectangles: beside shapely's, and what must hold of any."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pretouch_detector.model.anchors import quarter_turned
+from pretouch_detector.model.rotated_overlap import intersection, overlap
+from rotated_shapes import rectangles, several, shapely_overlap
+
+
+@settings(max_examples=60)
+@given(several(1, 6), several(1, 6))
+def test_the_same_as_shapely(first: np.ndarray, second: np.ndarray) -> None:
+    np.testing.assert_allclose(overlap(first, second), shapely_overlap(first, second), atol=1e-9)
+
+
+@given(several(1, 6), several(1, 6))
+def test_symmetric_and_between_0_and_1(first: np.ndarray, second: np.ndarray) -> None:
+    found = overlap(first, second)
+    assert ((found >= 0) & (found <= 1)).all()
+    np.testing.assert_allclose(found, overlap(second, first).T, atol=1e-12)
+
+
+@given(rectangles)
+def test_with_itself_told_either_way_it_is_1(rectangle: np.ndarray) -> None:
+    itself = rectangle[None]
+    other = quarter_turned(itself, np.array([True]))
+    np.testing.assert_allclose([overlap(itself, itself)[0, 0], overlap(itself, other)[0, 0]], 1, atol=1e-9)
+
+
+@given(rectangles, rectangles, st.floats(-3, 3), st.floats(-3, 3), st.floats(0.2, 5), st.booleans())
+def test_moved_scaled_turned_or_mirrored_together_they_overlap_as_before(
+    first: np.ndarray, second: np.ndarray, shift: float, turn: float, scale: float, mirror: bool
+) -> None:
+    def moved(row: np.ndarray) -> np.ndarray:
+        x, y, w, h, theta = row
+        c, s = np.cos(turn), np.sin(turn)
+        x, y, theta = c * x - s * y + shift, s * x + c * y - shift, theta + turn
+        if mirror:
+            x, theta = -x, -theta
+        return np.array([[scale * x, scale * y, scale * w, scale * h, theta]])
+
+    before = overlap(first[None], second[None])
+    np.testing.assert_allclose(overlap(moved(first), moved(second)), before, atol=1e-9)
+
+
+def test_one_within_another_shares_its_own_area() -> None:
+    small, large = np.array([[0.1, -0.2, 0.3, 0.1, 1.0]]), np.array([[0.0, 0.0, 2.0, 1.5, 0.2]])
+    np.testing.assert_allclose([intersection(small, large), intersection(large, small)], 0.03, rtol=1e-12)
+
+
+def test_of_none_there_is_none() -> None:
+    assert overlap(np.zeros((0, 5)), np.ones((3, 5))).shape == (0, 3)
