@@ -1,0 +1,69 @@
+"""The two-stage design at work, on numpy arrays, whoever runs the two graphs: torch or onnxruntime."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.geometry import Array
+from pretouch_detector.model.anchors import anchors, decode
+from pretouch_detector.model.nms import suppressed
+
+Head = Callable[[NDArray[np.float32]], tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]
+"""Rectangles (n, 5) -> score (n,), deltas (n, 6), log_error (n, 2): the second stage of one image."""
+Allowed = Callable[[Array], NDArray[np.bool_]]
+"""Rectangles (n, 5) -> (n,): which may be proposed."""
+
+_ANCHORS = anchors()
+_PROMISING = 1024
+"""Of the first stage's rectangles, the best so many are looked at: on a slim object most are not allowed."""
+_RIVALS = 160
+"""So many of those that are allowed are compared with each other."""
+_PROPOSALS = 48
+"""At most so many that differ go into the second stage."""
+_SAME = 0.7
+"""Of the first stage's rectangles that overlap by more, intersection over union, only the better is looked at."""
+APART = 0.6
+"""Likewise of what is answered."""
+
+
+def propose(
+    objectness: NDArray[Any], deltas: NDArray[Any], head: Head, allowed: Allowed, count: int
+) -> tuple[Array, Array]:
+    """The best rectangles of an image by their foretold errors, and those errors.
+
+    The second stage is asked twice: of the first stage's proposals, and of what it makes of them, since an error
+    belongs to a rectangle and not to what that was moved from. Both then compete.
+
+    Args:
+        objectness, deltas: (A,) and (A, 6), the first stage's.
+        count: the most that are wanted; fewer if less differ.
+
+    Returns:
+        Rectangles (k, 5) as `Encoding.normalised`, the best first, none overlapping a better one by more than APART;
+        the mean errors (k,), m, that scans of their perimeters would leave.
+    """
+    rectangles = _first_stage(objectness, deltas, allowed)
+    if not len(rectangles):
+        return np.zeros((0, 5)), np.zeros(0)
+    _, moves, logs = head(rectangles.astype(np.float32))
+    moved = decode(rectangles, moves)
+    moved = moved[allowed(moved)]
+    if len(moved):
+        logs = np.concatenate([logs, head(moved.astype(np.float32))[2]])
+        rectangles = np.concatenate([rectangles, moved])
+    errors = np.exp(logs[:, 0].astype(np.float64))
+    order = np.argsort(errors, kind="stable")
+    kept = order[suppressed(rectangles[order], APART, count)]
+    return rectangles[kept], errors[kept]
+
+
+def _first_stage(objectness: NDArray[Any], deltas: NDArray[Any], allowed: Allowed) -> Array:
+    """(k, 5), k <= _PROPOSALS: the best that differ, of those that may be proposed."""
+    promising = np.argsort(-objectness, kind="stable")[:_PROMISING]
+    rectangles = decode(_ANCHORS[promising], deltas[promising])
+    rectangles = rectangles[allowed(rectangles)][:_RIVALS]
+    return rectangles[suppressed(rectangles, _SAME, _PROPOSALS)]

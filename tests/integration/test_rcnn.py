@@ -1,0 +1,17 @@
+"""The two-stage design with torch, each check in a process of its own."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="torch is not installed")
+CHECKS = Path(__file__).parents[1] / "rcnn_checks.py"
+
+
+@pytest.mark.parametrize("check", ["geometry", "learns", "served_equals_torch"])
+def test_rcnn(check: str, tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, CHECKS, check, tmp_path], capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stderr
