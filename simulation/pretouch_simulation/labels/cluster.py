@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any, TypeVar
@@ -29,6 +30,7 @@ def on_ray(function: Callable[..., Answer], calls: Sequence[tuple[Any, ...]], wo
     address = os.environ.get("RAY_ADDRESS")
     options: dict[str, Any] = {"address": address} if address else {"num_cpus": workers, "address": "local"}
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    at_end = signal.getsignal(signal.SIGTERM)
     try:
         ray.init(
             **options,
@@ -41,6 +43,7 @@ def on_ray(function: Callable[..., Answer], calls: Sequence[tuple[Any, ...]], wo
         raise Unavailable(
             f"Ray cannot be used: {str(error).strip()}", "Check RAY_ADDRESS, or leave out --engine-cluster."
         ) from error
+    signal.signal(signal.SIGTERM, at_end)  # Ray sets one that ends the process at once
     try:
         remote = ray.remote(num_cpus=1)(function)
         waiting = [remote.remote(*call) for call in calls]

@@ -21,6 +21,8 @@ from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.frame_task import frame_tasks
 from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe
 from pretouch_simulation.labels.making import Cluster, make, missing
+from pretouch_simulation.labels.pictures import save_contact_sheet, save_statistics
+from pretouch_simulation.labels.statistics import statistics, table
 from pretouch_simulation.labels.task import ViewTask, tasks_of
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import mixed
@@ -151,3 +153,22 @@ def _report(tasks: Sequence[ViewTask], failed: Sequence[Outcome], dataset: Datas
         console.print(f"{first}{more}: {problem}", style="yellow", markup=False, soft_wrap=True)
     done = len(tasks) - len(failed)
     console.print(f"{done} of {len(tasks)} views are labelled in {dataset.folder}.", markup=False, soft_wrap=True)
+
+
+@labels.command()
+def show(
+    folder: Annotated[Path, typer.Argument(help="The dataset's folder.", metavar="DIR")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the pictures.", show_default="DIR")] = None,
+) -> None:
+    """Draw what is in a dataset: a page of statistics and a contact sheet; and print a table."""
+    dataset = Dataset(folder)
+    views = statistics(dataset)
+    target = out or folder
+    target.mkdir(parents=True, exist_ok=True)
+    sheet, page = target / "contact_sheet.png", target / "statistics.png"
+    recipe = ", ".join(f"{name} {value}" for name, value in dataset.description.get("recipe", {}).items())
+    save_statistics(views, f"{len(views)} views: {recipe}", page)
+    shown = save_contact_sheet(dataset, sheet)
+    console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    console.print(table(views))
+    console.print(f"Statistics: {page}; {shown} views: {sheet}.", markup=False, soft_wrap=True)

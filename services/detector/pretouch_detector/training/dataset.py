@@ -4,15 +4,17 @@
     train/<name>.npz        a view and its labels, one file each
     validation/<name>.npz
 
-A file is written whole or not at all, so that a killed run goes on where it was. The README of the detector documents
-the arrays.
+A file is written whole or not at all, so that a killed run goes on where it was. LABELS.md beside the detector's README
+documents the arrays.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import struct
 import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +32,11 @@ FORMAT = 1
 DEPTH_UNIT = 1e-4
 """m: of a stored depth value."""
 SIDES = ("train", "validation")
+_DAMAGED = (
+    AttributeError, EOFError, KeyError, IndexError, MemoryError, NotImplementedError, OSError, RuntimeError, TypeError,
+    ValueError, struct.error, zipfile.BadZipFile, zlib.error, PretouchError,
+)  # fmt: skip
+"""What numpy, zipfile and json raise on files that are cut short or changed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +75,17 @@ class Example:
         object.__setattr__(self, "scores", scores)
         object.__setattr__(self, "expected", expected)
         object.__setattr__(self, "foreseen", foreseen)
+
+    def achieved(self, worst: bool) -> Array:
+        """(r,), m: each rectangle's error over its trials, NaN where none was made.
+
+        Args:
+            worst: it is as good as its worst trial, as in the paper; else as its trials' mean.
+        """
+        found = np.full(len(self.rectangles), np.nan)
+        made = ~np.isnan(self.scores).all(axis=1)
+        found[made] = (np.nanmax if worst else np.nanmean)(self.scores[made], axis=1)
+        return found
 
 
 class Dataset:
@@ -124,6 +142,11 @@ class Dataset:
         folder.mkdir(parents=True, exist_ok=True)
         _write_whole(folder / "dataset.json", json.dumps(wanted, indent=1).encode() + b"\n")
         return cls(folder)
+
+    @property
+    def by_worst(self) -> bool:
+        """Whether a rectangle is as good as its worst trial: so it is where the labels are the paper's."""
+        return bool(self.description.get("recipe", {}).get("kind") == "trials")
 
     def path(self, side: str, name: str) -> Path:
         """Where the view `name` of that side is, or would be."""
@@ -190,7 +213,7 @@ def read(path: Path) -> Example:
             about["name"], about["object"], scene, arrays["rectangles"], arrays["scores"], arrays["expected"],
             arrays["foreseen"], about["provenance"],
         )  # fmt: skip
-    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, PretouchError) as error:
+    except _DAMAGED as error:
         raise Malformed(
             f"{path} is damaged or no labelled view: {error}", "Delete it; `pretouch labels generate` makes it again."
         ) from error

@@ -1,0 +1,96 @@
+"""What a dataset holds, in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pretouch_detector.training.dataset import SIDES, Dataset, Example
+from rich.table import Table
+
+from pretouch.errors import NotFound
+from pretouch.estimate import Prior, from_prior
+from pretouch.geometry import Array
+
+_SAME = 1e-3
+"""Relative; what was stored in single precision and recomputed from stored depth."""
+_CM = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class ViewStatistics:
+    """Of one view.
+
+    Attributes:
+        rectangles: how many.
+        errors: (k,), m, ascending: of those with trials.
+        unscannable: share of the rectangles along which the finger never comes over the object; NaN where that was not
+            looked at.
+    """
+
+    object: str
+    side: str
+    rectangles: int
+    errors: Array
+    unscannable: float
+
+    @property
+    def best(self) -> float:
+        return float(self.errors[0])
+
+    @property
+    def median(self) -> float:
+        return float(np.median(self.errors))
+
+
+def statistics_of(example: Example, side: str, worst: bool) -> ViewStatistics:
+    """Of a view; `worst` as in `Example.achieved`."""
+    errors = example.achieved(worst)
+    unscannable = np.nan
+    if not np.isnan(example.foreseen).all():
+        left = from_prior(Prior(), example.scene.cloud).expected_error
+        unscannable = float((example.foreseen >= (1.0 - _SAME) * left).mean())
+    return ViewStatistics(
+        example.object, side, len(example.rectangles), np.sort(errors[~np.isnan(errors)]), unscannable
+    )
+
+
+def statistics(dataset: Dataset) -> list[ViewStatistics]:
+    """Of all views.
+
+    Raises:
+        NotFound: there is none.
+        Malformed: a file is damaged.
+    """
+    found = [statistics_of(example, side, dataset.by_worst) for side in SIDES for example in dataset.examples(side)]
+    if not found:
+        raise NotFound(f"{dataset.folder} holds no labelled view yet.", "Go on with `pretouch labels generate`.")
+    return found
+
+
+def table(views: Sequence[ViewStatistics]) -> Table:
+    """Sides by what they hold; errors in cm, means over views of each view's best, median and worst rectangle."""
+    shown = Table(title="labels; errors in cm")
+    for name in ("side", "objects", "views", "rectangles", "with trials", "best", "median", "worst", "unscannable"):
+        shown.add_column(name, justify="left" if name == "side" else "right")
+    for side in (*SIDES, "both"):
+        group = [view for view in views if side in (view.side, "both")]
+        scored = [view for view in group if len(view.errors)]
+        errors = [[view.best, view.median, float(view.errors[-1])] for view in scored]
+        means = _CM * np.mean(errors, axis=0) if scored else np.full(3, np.nan)
+        shown.add_row(
+            side,
+            f"{len({view.object for view in group})}",
+            f"{len(group)}",
+            f"{sum(view.rectangles for view in group)}",
+            f"{sum(len(view.errors) for view in group)}",
+            *("-" if np.isnan(mean) else f"{mean:.2f}" for mean in means),
+            _share(group),
+        )
+    return shown
+
+
+def _share(views: Sequence[ViewStatistics]) -> str:
+    told = [view.unscannable for view in views if not np.isnan(view.unscannable)]
+    return f"{np.mean(told):.1%}" if told else "-"
