@@ -57,7 +57,7 @@ def test_the_regions_are_the_networks_best_and_better_than_any_draw(network: Net
     assert (np.diff(confidences) <= 0).all()
     errors = network.errors(encode(scene), rectangles)
     np.testing.assert_allclose(confidences, 1 - errors / from_prior(Prior(), scene.cloud).expected_error)
-    draws = network.errors(encode(scene), drawn(scene, 384, np.random.default_rng(0)))
+    draws = network.errors(encode(scene), drawn(scene, 256, np.random.default_rng(0)))
     assert errors[0] <= draws.min()
     assert np.median(errors) < np.median(draws)
 
@@ -81,6 +81,12 @@ def test_a_confidence_is_a_share_however_bad_the_network_thinks_all_regions(tmp_
 def test_a_smaller_count_takes_the_best(network: Network) -> None:
     many, few = rows(WORLD.scene(), 20)[0], rows(WORLD.scene(), 3)[0]
     np.testing.assert_array_equal(few, many[:3])
+
+
+def test_the_image_far_around_the_object_does_not_matter() -> None:
+    scene = WORLD.scene(KINECT, np.random.default_rng(3))
+    view, (u0, v0) = scene.cropped(0.15)
+    np.testing.assert_allclose(rows(view)[0] + (u0, v0, 0, 0, 0), rows(scene)[0])
 
 
 @pytest.mark.parametrize("view", [NARROW, View(), KINECT, WIDE, AT_THE_BORDER])

@@ -7,7 +7,9 @@ from numpy.typing import ArrayLike
 
 from pretouch.geometry import Array
 
-_CORNERS = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
+_RIGHT, _DOWN = np.array([-0.5, 0.5, 0.5, -0.5]), np.array([-0.5, -0.5, 0.5, 0.5])
+"""The corners, in order along the outline, in units of the sides."""
+_NEXT = np.array([1, 2, 3, 0])
 
 
 def common_area(rectangle: ArrayLike, others: Array) -> Array:
@@ -17,18 +19,21 @@ def common_area(rectangle: ArrayLike, others: Array) -> Array:
     outside comes to lie on the box's sides and encloses nothing, so that the area inside the outline is the common one.
     """
     x, y, w, h, theta = np.asarray(rectangle, dtype=np.float64)
-    limit = np.array([w, h]) / 2
-    offset, c, s = others[:, :2] - (x, y), np.cos(theta), np.sin(theta)
-    centre = np.stack([c * offset[:, 0] + s * offset[:, 1], c * offset[:, 1] - s * offset[:, 0]], axis=1)
-    c, s = np.cos(others[:, 4] - theta)[:, None], np.sin(others[:, 4] - theta)[:, None]
-    a, b = np.moveaxis(_CORNERS * others[:, None, 2:4], -1, 0)
-    corners = np.stack([c * a - s * b, s * a + c * b], axis=-1) + centre[:, None]
-    sides = np.roll(corners, -1, axis=1) - corners
+    dx, dy, c, s = others[:, 0] - x, others[:, 1] - y, np.cos(theta), np.sin(theta)
+    turn = others[:, 4] - theta
+    along, across = np.cos(turn), np.sin(turn)
+    right, down = others[:, 2, None] * _RIGHT, others[:, 3, None] * _DOWN
+    u = (c * dx + s * dy)[:, None] + along[:, None] * right - across[:, None] * down
+    v = (c * dy - s * dx)[:, None] + across[:, None] * right + along[:, None] * down
+    du, dv = u[:, _NEXT] - u, v[:, _NEXT] - v
+    bends = np.zeros((len(others), 4, 5))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        crossings = np.concatenate([(limit - corners) / sides, (-limit - corners) / sides], axis=-1)
-    bends = np.sort(np.nan_to_num(crossings, nan=0.0).clip(0.0, 1.0), axis=-1)
-    bends = np.concatenate([np.zeros_like(bends[..., :1]), bends], axis=-1)[..., None]
-    outline = (corners[:, :, None] + bends * sides[:, :, None]).reshape(len(others), 20, 2).clip(-limit, limit)
-    u, v = np.moveaxis(outline, -1, 0)
-    doubled = (u * np.roll(v, -1, axis=1) - v * np.roll(u, -1, axis=1)).sum(axis=1)
+        for k, (start, step, limit) in enumerate([(u, du, w / 2), (u, du, -w / 2), (v, dv, h / 2), (v, dv, -h / 2)]):
+            np.divide(limit - start, step, out=bends[..., k + 1])
+    bends[np.isnan(bends)] = 0.0
+    np.clip(bends, 0.0, 1.0, out=bends)
+    bends.sort(axis=-1)
+    u = (u[..., None] + bends * du[..., None]).clip(-w / 2, w / 2).reshape(len(others), 20)
+    v = (v[..., None] + bends * dv[..., None]).clip(-h / 2, h / 2).reshape(len(others), 20)
+    doubled = (u[:, :-1] * v[:, 1:] - v[:, :-1] * u[:, 1:]).sum(axis=1) + u[:, -1] * v[:, 0] - v[:, -1] * u[:, 0]
     return np.asarray(0.5 * doubled.clip(0.0), dtype=np.float64)

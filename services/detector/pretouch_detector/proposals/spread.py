@@ -28,11 +28,12 @@ def spread(ranked: Array, count: int) -> list[int]:
     while len(left) and len(kept) < count:
         best, left = int(left[0]), left[1:]
         kept.append(best)
-        near = _may_share(ranked[best], ranked[left], MAX_OVERLAP * np.maximum(areas[best], areas[left]))
-        rivals = left[near]
-        common = common_area(ranked[best], ranked[rivals])
-        too_much = common / (areas[best] + areas[rivals] - common) > MAX_OVERLAP
-        left = np.setdiff1d(left, rivals[too_much], assume_unique=True)
+        near = np.flatnonzero(
+            _may_share(ranked[best], ranked[left], MAX_OVERLAP * np.maximum(areas[best], areas[left]))
+        )
+        common = common_area(ranked[best], ranked[left[near]])
+        too_much = common / (areas[best] + areas[left[near]] - common) > MAX_OVERLAP
+        left = np.delete(left, near[too_much])
     return kept
 
 
