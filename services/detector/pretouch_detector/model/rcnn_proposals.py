@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -18,12 +19,14 @@ Allowed = Callable[[Array], NDArray[np.bool_]]
 """Rectangles (n, 5) -> (n,): which may be proposed."""
 
 _ANCHORS = anchors()
-_PROMISING = 1024
-"""Of the first stage's rectangles, the best so many are looked at: on a slim object most are not allowed."""
-_RIVALS = 160
-"""So many of those that are allowed are compared with each other."""
-_PROPOSALS = 48
-"""At most so many that differ go into the second stage."""
+_CHUNK = 1024
+"""So many of the first stage's rectangles are looked at, the best first, before it is seen whether more are needed."""
+_SHRUNK = (1.0, 0.7, 0.5, 0.35)
+"""Where too few are allowed, as on a slim object, smaller ones at their places are tried."""
+_RIVALS, _RIVALS_EACH = 160, 8
+"""Of those that are allowed, so many are compared with each other; where many are wanted, so many for each."""
+_PROPOSALS, _PROPOSALS_EACH = 48, 2
+"""At most so many that differ go into the second stage; where many are wanted, so many for each."""
 _SAME = 0.7
 """Of the first stage's rectangles that overlap by more, intersection over union, only the better is looked at."""
 APART = 0.6
@@ -46,7 +49,7 @@ def propose(
         Rectangles (k, 5) as `Encoding.normalised`, the best first, none overlapping a better one by more than APART;
         the mean errors (k,), m, that scans of their perimeters would leave.
     """
-    rectangles = _first_stage(objectness, deltas, allowed)
+    rectangles = _first_stage(objectness, deltas, allowed, count)
     if not len(rectangles):
         return np.zeros((0, 5)), np.zeros(0)
     _, moves, logs = head(rectangles.astype(np.float32))
@@ -61,9 +64,16 @@ def propose(
     return rectangles[kept], errors[kept]
 
 
-def _first_stage(objectness: NDArray[Any], deltas: NDArray[Any], allowed: Allowed) -> Array:
-    """(k, 5), k <= _PROPOSALS: the best that differ, of those that may be proposed."""
-    promising = np.argsort(-objectness, kind="stable")[:_PROMISING]
-    rectangles = decode(_ANCHORS[promising], deltas[promising])
-    rectangles = rectangles[allowed(rectangles)][:_RIVALS]
-    return rectangles[suppressed(rectangles, _SAME, _PROPOSALS)]
+def _first_stage(objectness: NDArray[Any], deltas: NDArray[Any], allowed: Allowed, count: int) -> Array:
+    """(k, 5): the best that differ, of those that may be proposed."""
+    order = np.argsort(-objectness, kind="stable")
+    wanted = max(_RIVALS, _RIVALS_EACH * count)
+    rivals = np.zeros((0, 5))
+    for scale, start in itertools.product(_SHRUNK, range(0, len(order), _CHUNK)):
+        chunk = order[start : start + _CHUNK]
+        rectangles = decode(_ANCHORS[chunk], deltas[chunk]) * (1.0, 1.0, scale, scale, 1.0)
+        rivals = np.concatenate([rivals, rectangles[allowed(rectangles)]])
+        if len(rivals) >= wanted:
+            break
+    rivals = rivals[:wanted]
+    return rivals[suppressed(rivals, _SAME, max(_PROPOSALS, _PROPOSALS_EACH * count))]
