@@ -12,14 +12,16 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 import torch
-from pretouch_detector.model.anchors import anchors, quarter_turned
+from pretouch_detector.model.anchors import CELLS, SHAPES, anchors, decode, quarter_turned
 from pretouch_detector.model.encoding import CHANNELS, SIZE
 from pretouch_detector.model.rcnn import RotatedRCNN
 from pretouch_detector.model.roi_align import BINS, roi_align
 from pretouch_detector.model.rotated_overlap import overlap
+from pretouch_detector.model.rpn import RegionProposals
 from pretouch_detector.training.batch import Batch
 from pretouch_detector.training.rcnn_export import FirstStage, SecondStage, export_rcnn
 from pretouch_detector.training.rcnn_loss import rcnn_loss
+from pretouch_detector.training.rcnn_targets import best_of
 from rotated_shapes import drawn, shapely_overlap
 from safetensors.torch import save_file
 
@@ -82,10 +84,33 @@ def flips() -> None:
         assert min(float((way - after).abs().max()) for way in ways) < 1e-9
 
 
+def answers_belong_to_anchors() -> None:
+    """An answer's place in the first stage's output is its anchor's: by shape, and by where the image matters to it."""
+    stage = RegionProposals(features=4, hidden=8)
+    torch.nn.init.zeros_(stage.objectness.weight)
+    torch.nn.init.zeros_(stage.deltas.weight)
+    stage.objectness.bias.data = torch.arange(SHAPES).float()
+    stage.deltas.bias.data = torch.arange(6 * SHAPES).float()
+    objectness, deltas = stage(torch.zeros(1, 4, 2 * CELLS, 2 * CELLS))
+    shape = torch.arange(len(anchors())) % SHAPES
+    torch.testing.assert_close(objectness[0], shape.float())
+    torch.testing.assert_close(deltas[0], (6 * shape[:, None] + torch.arange(6)).float())
+
+    torch.manual_seed(0)
+    torch.nn.init.normal_(stage.objectness.weight)
+    features = torch.zeros(1, 4, 2 * CELLS, 2 * CELLS)
+    features[..., -8:-6, 6:8] = 1.0
+    changed = ((stage(features)[0] - stage(0 * features)[0]).abs() > 1e-6)[0].numpy()
+    middle = anchors()[changed, :2].mean(axis=0)
+    assert changed.sum() == 25 * SHAPES
+    np.testing.assert_allclose(middle, [-0.5625, 0.5625], atol=1e-9)
+
+
 def geometry(folder: Path) -> None:
     overlaps()
     pools()
     flips()
+    answers_belong_to_anchors()
 
 
 def made_batch() -> Batch:
@@ -106,7 +131,7 @@ def made_batch() -> Batch:
 
 
 def learns(folder: Path) -> None:
-    """Three dozen steps on two images halve what is left of each term."""
+    """On two images, two score steps halve terms of the loss, and the first stage finds the best rectangles there."""
     torch.manual_seed(0)
     model, batch = RotatedRCNN(features=24, width=16, hidden=32), made_batch()
     optimiser = torch.optim.AdamW(model.parameters(), lr=2e-3)
@@ -122,6 +147,11 @@ def learns(folder: Path) -> None:
     assert all(np.isfinite(list(entry.values())).all() for entry in log)
     for name, parameter in model.named_parameters():
         assert parameter.grad is not None, name
+    objectness, deltas = model.eval().rpn(model.features(batch.image))
+    for k, (found, moves) in enumerate(zip(objectness.detach(), deltas.detach(), strict=True)):
+        top = found.topk(10).indices.numpy()
+        best = batch.rectangles[k].double().numpy()[best_of(batch.errors[k].numpy())]
+        assert overlap(decode(anchors()[top], moves.numpy()[top]), best).max(axis=1).mean() > 0.5
 
 
 def served_equals_torch(folder: Path) -> None:
