@@ -29,6 +29,7 @@ from pretouch_simulation.protocol import case_of, generator, make_case, offset_a
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array, Pose
 from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Scan
 
@@ -158,14 +159,14 @@ def seen(target: Target, seed: int) -> LabelView:
     return view_of(make_case(target.path.stem, load_mesh(target.path), target.view, seed))
 
 
-def proposed(view: LabelView, proposer: Proposer, finger: FingerModel, count: int) -> list[ProposedRegion]:
-    """The first `count` regions that a session on this view would be given.
+def first_regions(scene: Scene, proposer: Proposer, finger: FingerModel, count: int) -> list[ProposedRegion]:
+    """The first `count` regions that a session on this scene would be given.
 
     Raises:
         Unavailable: the proposer is not ready.
     """
-    seed = zlib.crc32(view.scene.depth.metres.tobytes())
-    return propose(view.scene, proposer, sensor_of(finger), max(count, _SESSION_REGIONS), seed).regions[:count]
+    seed = zlib.crc32(scene.depth.metres.tobytes())
+    return propose(scene, proposer, sensor_of(finger), max(count, _SESSION_REGIONS), seed).regions[:count]
 
 
 def _scored(job: Job) -> dict[str, Any]:
@@ -173,7 +174,7 @@ def _scored(job: Job) -> dict[str, Any]:
     finger = FingerModel.IDEAL if job.setup == PAPER else FingerModel(job.setup)
     foretold = job.subject == CANDIDATES and job.setup != PAPER
     proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
-    regions = proposed(view, proposer, finger, job.count)
+    regions = first_regions(view.scene, proposer, finger, job.count)
     rectangles = [region.rectangle for region in regions]
     errors, foreseen, pathless = _errors(view, rectangles, job, foretold)
     cloud, truths = view.scene.cloud, _truths(view, job)

@@ -1,0 +1,161 @@
+"""What carries over to real depth frames, on which nothing was trained or tuned.
+
+    python experiments/transfer.py [--frames DIR] [--scenes DIR] [--proposers random narf stability deep] [--offsets 4]
+        [--settings real paper] [--sensor ideal|vl6180x] [--candidates 0] [--sheet 12] [--out docs/results]
+
+With ground truth (`--frames`, data/real_depth/ycb_video of PRETOUCH_SHARED unless given): the first and the last frame
+of each video, every object with more than 1000 pixels of depth; each of a proposer's first ten rectangles is scanned
+alone, as by table1.py. Without (`--scenes`, data/real_depth/mosd_kinect_v1): proposals only, a contact sheet for each
+proposer. Writes transfer.md, transfer.json, transfer.png and transfer-<proposer>.png. A run that was stopped goes on
+when it is started again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+import time
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from collecting import PROPOSERS, RESULTS, SHARED, collect, jobs_of, ready
+from one_scan import PAPER, Job, Target, first_regions
+from one_scan_picture import save
+from one_scan_text import section
+from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.frames import load_frame
+from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks
+from pretouch_simulation.split import mixed
+from proposals_picture import Proposed, save_sheet
+from rich.console import Console
+from rich.progress import track
+
+from pretouch.errors import InvalidInput, NotFound, PretouchError
+from pretouch.scene import Scene
+from pretouch.session import Proposer
+
+FIRST = 10
+DRAWN = 5
+MIN_PIXELS = 1000
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=Path, default=SHARED / "data" / "real_depth" / "ycb_video")
+    parser.add_argument("--scenes", type=Path, default=SHARED / "data" / "real_depth" / "mosd_kinect_v1")
+    parser.add_argument("--proposers", type=Proposer, nargs="+", choices=list(Proposer), default=list(PROPOSERS))
+    parser.add_argument("--offsets", type=int, default=4)
+    parser.add_argument("--settings", nargs="+", choices=("real", PAPER), default=["real", PAPER])
+    parser.add_argument("--sensor", type=FingerModel, choices=list(FingerModel), default=FingerModel.IDEAL)
+    parser.add_argument("--candidates", type=int, default=0, help="0: no oracle")
+    parser.add_argument("--sheet", type=int, default=12, help="views on a contact sheet")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    try:
+        run(parser.parse_args())
+    except PretouchError as error:
+        sys.exit(f"{error.detail} {error.remedy}")
+    except KeyboardInterrupt:
+        sys.exit("Interrupted. The same command goes on.")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Makes what is asked for and writes everything into `arguments.out`."""
+    if arguments.offsets < 1 or arguments.sheet < 1:
+        raise InvalidInput("There is nothing to show.", "Give at least one offset and one view.")
+    proposers, missing = ready(arguments.proposers)
+    out: Path = arguments.out
+    settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
+    jobs = _jobs(arguments, proposers)
+    rows = collect(jobs, arguments.workers, out / "transfer.partial", settings, "real frames")
+    command = shlex.join(["python", "experiments/transfer.py", *sys.argv[1:]])
+    content = {"commands": [command], "not_ready": missing, "rows": [row.as_dict() for row in rows]}
+    (out / "transfer.json").write_text(json.dumps(content) + "\n")
+    save(rows, out / "transfer.png")
+    setups = list(dict.fromkeys(row.setup for row in rows))
+    text = [f"# Real depth frames\n\nMade by `{command}`. Errors in cm. Frames with ground truth: YCB-Video.\n"]
+    text += [section(rows, setup, missing) for setup in setups]
+    text.append("![Errors by object](transfer.png)\n")
+    text += _sheets(arguments, proposers, missing)
+    (out / "transfer.md").write_text("\n".join(text))
+    (out / "transfer.partial").unlink(missing_ok=True)
+    print("\n".join(text))
+
+
+def frames_of(folder: Path) -> list[Path]:
+    """The first and the last frame of each video, whose name is what comes before `_`: between, views hardly differ.
+
+    Raises:
+        NotFound: there are none.
+    """
+    files = sorted(folder.glob("*.json"))
+    if not files:
+        raise NotFound(f"There are no frames in {folder}.", "Give --frames, or set PRETOUCH_SHARED.")
+    videos = [list(group) for _, group in groupby(files, key=lambda path: path.stem.partition("_")[0])]
+    return [path for video in videos for path in dict.fromkeys((video[0], video[-1]))]
+
+
+def _jobs(arguments: argparse.Namespace, proposers: Sequence[Proposer]) -> list[Job]:
+    setups = [arguments.sensor.value if setting == "real" else PAPER for setting in arguments.settings]
+    jobs = []
+    for path in frames_of(arguments.frames):
+        frame = load_frame(path)
+        for thing in frame.objects:
+            if frame.mask(thing.name).sum() > MIN_PIXELS:
+                target = Target(path, 0, thing.name)
+                for setup in setups:
+                    jobs += jobs_of(
+                        target, setup, proposers, arguments.offsets, arguments.seed, FIRST, arguments.candidates
+                    )
+    return jobs
+
+
+def _sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missing: dict[str, str]) -> list[str]:
+    """The contact sheets written, and the section that shows them."""
+    views = _views(arguments.scenes, arguments.sheet)
+    text = [
+        "## Proposals on real scenes without ground truth\n",
+        f"mOSD, Kinect v1: {len(views)} objects of as many frames, chosen by a hash of their names. The first {DRAWN} "
+        "regions, red the best; white: the object's outline; dark: no depth.\n",
+    ]
+    for proposer in track(proposers, "contact sheets", console=Console(stderr=True)):
+        shown, times = [], []
+        for task, scene in views:
+            started = time.perf_counter()
+            regions = first_regions(scene, proposer, arguments.sensor, FIRST)
+            times.append(time.perf_counter() - started)
+            best = f", best {regions[0].confidence:.2f}" if regions else ""
+            shown.append(Proposed(f"{task.name}: {len(regions)} regions{best}", scene, regions[:DRAWN]))
+        path = arguments.out / f"transfer-{proposer}.png"
+        save_sheet(shown, f"{proposer}: the first {DRAWN} regions, red the best", path)
+        few = sum(len(one.regions) < DRAWN for one in shown)
+        text.append(
+            f"{proposer}: median {1000 * float(np.median(times)):.0f} ms a view; fewer than {DRAWN} regions on {few} "
+            f"of {len(shown)} views\n\n![{proposer}]({path.name})\n"
+        )
+    return text + [f"`{name}` is left out: {reason}\n" for name, reason in missing.items()]
+
+
+def _views(folder: Path, count: int) -> list[tuple[FrameTask, Scene]]:
+    """One object each of `count` frames, in an order fixed by the names; those that show none are passed over."""
+    tasks = sorted(frame_tasks(folder), key=lambda task: (mixed(task.file.stem), mixed(task.name)))
+    found: list[tuple[FrameTask, Scene]] = []
+    for _, group in groupby(tasks, key=lambda task: task.file):
+        for task in group:
+            try:
+                found.append((task, task.scene(0)[0]))
+            except PretouchError:
+                continue
+            break
+        if len(found) == count:
+            break
+    return found
+
+
+if __name__ == "__main__":
+    main()
