@@ -58,7 +58,7 @@ def perimeters(folder: Path) -> None:
     rng = np.random.default_rng(1)
     given = np.column_stack([rng.normal(size=(50, 2)), rng.uniform(0.1, 2, (50, 2)), rng.uniform(-1.5, 1.5, 50)])
     model = Scorer()
-    points, tangents, spacing = (each.double().numpy() for each in perimeter(torch.tensor(given), model.steps.double()))
+    points, tangents = (each.double().numpy() for each in perimeter(torch.tensor(given), model.steps.double()))
     for row, on, along, step in zip(given, points, tangents, spacing, strict=True):
         rectangle = RotatedRectangle(*row)
         assert np.abs(rectangle.distance(on)).max() < 1e-9

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor, nn
 
 from pretouch_detector.model.encoding import CHANNELS
@@ -32,6 +33,8 @@ class Backbone(nn.Module):
 
     Args:
         width: channels at a quarter of the size; twice as many at an eighth and a sixteenth.
+
+    It learns in half precision, which is as good and takes less time, and answers in single precision.
     """
 
     def __init__(self, features: int = 48, width: int = 32) -> None:
@@ -47,6 +50,11 @@ class Backbone(nn.Module):
         self.joined = Block(features, features)
 
     def forward(self, image: Tensor) -> Tensor:
+        with torch.autocast(image.device.type, torch.bfloat16, enabled=self.training):
+            out = self._features(image)
+        return out.float()
+
+    def _features(self, image: Tensor) -> Tensor:
         a = self.quarter(self.stem(image))
         b = self.eighth(a)
         c = self.sixteenth(b)

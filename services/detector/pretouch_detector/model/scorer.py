@@ -1,8 +1,9 @@
 """The single-stage design: the error that a scan of any rectangle's perimeter would leave.
 
 Features are read along the perimeter, where the finger would go, and nowhere else. A small network reads each point
-with its neighbours; the points are pooled by mean, maximum, and the sum of outer products of a projection: what samples
-tell of a pose adds up like that, J^T J, and an error is a function of the sum.
+with its neighbours and says along which directions, and how well, a beam there fixes the place of what it meets. What
+beams tell of a pose adds up as J^T J (Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003); with
+the calibration prior that leaves an error, which a last network corrects by what it sees of the whole.
 """
 
 from __future__ import annotations
@@ -11,15 +12,18 @@ import torch
 from torch import Tensor, nn
 
 from pretouch_detector.model.backbone import Backbone
-from pretouch_detector.model.encoding import CHANNELS
+from pretouch_detector.model.encoding import CHANNELS, LENGTH
+from pretouch_detector.model.information import object_of, remaining
 
 POINTS = 48
 """Points along a perimeter, evenly."""
 OUTPUTS = ("log_error", "log_std", "log_expected", "log_foreseen")
 """Log of the mean error, m; log of the standard deviation of the error's logarithm; and logs, m, of what the registrar
 expects after the scan and foretells before it: the last two only help to learn."""
-_START = (-5.2, -0.7, -5.2, -5.0)
-_GRAM = 12
+_DIRECTIONS = 2
+"""That a beam fixes the place along."""
+_SHARP = 4.0
+"""1 / LENGTH: of a direction for which the network says 1."""
 
 
 class _Along(nn.Module):
@@ -49,47 +53,49 @@ class Scorer(nn.Module):
         self.backbone = Backbone(features, width)
         self.point = nn.Sequential(nn.Conv1d(features + len(CHANNELS) + 6, hidden, 1), nn.SiLU())
         self.along = nn.ModuleList([_Along(hidden), _Along(hidden)])
-        self.project = nn.Conv1d(hidden, _GRAM, 1)
+        self.directions = nn.Conv1d(hidden, 3 * _DIRECTIONS, 1)
         self.whole = nn.Sequential(nn.Linear(features, hidden), nn.SiLU())
-        pooled = 2 * hidden + _GRAM * (_GRAM + 1) // 2 + hidden + 3
         self.head = nn.Sequential(
-            nn.Linear(pooled, 2 * hidden), nn.SiLU(), nn.Dropout(0.1), nn.Linear(2 * hidden, hidden), nn.SiLU(),
-            nn.Linear(hidden, len(OUTPUTS)),
+            nn.Linear(3 * hidden + 7 + 3, 2 * hidden), nn.SiLU(), nn.Dropout(0.1),
+            nn.Linear(2 * hidden, hidden), nn.SiLU(), nn.Linear(hidden, len(OUTPUTS)),
         )  # fmt: skip
         last = self.head[-1]
         assert isinstance(last, nn.Linear)
         nn.init.zeros_(last.weight)
-        last.bias.data.copy_(torch.tensor(_START))
-        rows, columns = torch.triu_indices(_GRAM, _GRAM)
-        self.register_buffer("upper", rows * _GRAM + columns, persistent=False)
-        self.upper: Tensor
+        nn.init.zeros_(last.bias)
         self.register_buffer("steps", (torch.arange(POINTS) + 0.5) / POINTS, persistent=False)
         self.steps: Tensor
+        self.register_buffer("of_error", torch.tensor([1.0, 0.0, 1.0, 1.0]), persistent=False)
+        self.of_error: Tensor
 
     def forward(self, image: Tensor, rectangles: Tensor) -> Tensor:
         features = self.backbone(image)
         b, r = rectangles.shape[:2]
-        points, tangent, spacing = perimeter(rectangles, self.steps)
-        sampled = torch.cat([_sampled(features, points), _sampled(image, points)], dim=1)  # (b, c, r, p)
-        centre = rectangles[..., None, :2]
-        local = torch.cat([points - centre, tangent, points], dim=-1).permute(0, 3, 1, 2)
-        x = torch.cat([sampled, local], dim=1).transpose(1, 2).reshape(b * r, -1, POINTS)
+        points, tangent = perimeter(rectangles, self.steps)
+        seen = _sampled(image, points)  # (b, c, r, p)
+        local = torch.cat([points - rectangles[..., None, :2], tangent, points], dim=-1).permute(0, 3, 1, 2)
+        x = torch.cat([_sampled(features, points), seen, local], dim=1).transpose(1, 2).reshape(b * r, -1, POINTS)
         x = self.point(x)
         for layer in self.along:
             x = layer(x)
-        g = self.project(x)
-        gram = (torch.bmm(g, g.transpose(1, 2)) * spacing.reshape(b * r, 1, 1)).reshape(b * r, -1)[:, self.upper]
-        whole = self.whole(features.mean(dim=(2, 3)))[:, None].expand(b, r, -1).reshape(b * r, -1)
-        shape = torch.log(rectangles[..., 2:4]).reshape(b * r, 2)
-        size = image[:, -1, 0, 0][:, None].expand(b, r).reshape(b * r, 1)
-        gram = torch.sign(gram) * torch.log1p(gram.abs())
-        pooled = torch.cat([x.mean(dim=2), x.amax(dim=2), gram, whole, shape, size], dim=1)
-        out: Tensor = self.head(pooled).reshape(b, r, len(OUTPUTS))
+        directions = _SHARP * self.directions(x).reshape(b, r, _DIRECTIONS, 3, POINTS).transpose(3, 4)
+        middle, radius = object_of(image)
+        arms = seen[:, :3].permute(0, 2, 3, 1) - middle[:, None, None]
+        left = remaining(arms[:, :, None], directions)  # (b, r, 6)
+        turned, moved = left[..., :3].sum(dim=-1), left[..., 3:].sum(dim=-1)
+        by_information = 0.5 * torch.log(moved + radius[:, None] ** 2 * 2.0 / 3.0 * turned) + torch.log(
+            torch.tensor(LENGTH)
+        )
+        whole = self.whole(features.mean(dim=(2, 3)))[:, None].expand(b, r, -1)
+        size = image[:, -1, 0, 0][:, None, None].expand(b, r, 1)
+        told = [torch.log(left), by_information[..., None], torch.log(rectangles[..., 2:4]), size, whole]
+        pooled = torch.cat([x.mean(dim=2).reshape(b, r, -1), x.amax(dim=2).reshape(b, r, -1), *told], dim=2)
+        out: Tensor = self.head(pooled) + by_information[..., None] * self.of_error
         return out
 
 
-def perimeter(rectangles: Tensor, steps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Points (..., p, 2) and unit tangents (..., p, 2) at the shares `steps` (p,) of the way; spacing (..., 1)."""
+def perimeter(rectangles: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
+    """Points and unit tangents (..., p, 2) at the shares `steps` (p,) of the way round rectangles (..., 5)."""
     x, y, w, h, theta = rectangles[..., None, :].unbind(-1)
     s = steps * 2.0 * (w + h)
     first, second, third = w, w + h, 2.0 * w + h
@@ -101,7 +107,7 @@ def perimeter(rectangles: Tensor, steps: Tensor) -> tuple[Tensor, Tensor, Tensor
     ta, tb = on0 - on2, on1 - on3
     points = torch.stack([x + cos * a - sin * b, y + sin * a + cos * b], dim=-1)
     tangent = torch.stack([cos * ta - sin * tb, sin * ta + cos * tb], dim=-1)
-    return points, tangent, (2.0 * (w + h) / steps.shape[0])
+    return points, tangent
 
 
 def _sampled(image: Tensor, points: Tensor) -> Tensor:

@@ -1,0 +1,57 @@
+"""What beams tell of a pose, as a layer: the variances that are left of the calibration prior."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from pretouch_detector.model.encoding import CHANNELS, LENGTH
+
+_PRIOR = (0.05, 0.05, 0.05, 0.0115 / LENGTH, 0.0115 / LENGTH, 0.0115 / LENGTH)
+"""Standard deviations of rotation vector, rad, and translation, in LENGTH, as of `Prior`."""
+_PLACES = slice(0, 3)
+_OBJECT = CHANNELS.index("object")
+
+
+def object_of(image: Tensor) -> tuple[Tensor, Tensor]:
+    """Of the object in images (b, C, s, s): its mean (b, 3) as (height, away, across), and its rms radius (b,); LENGTH."""
+    on = (image[:, _OBJECT] > 0.5).to(image.dtype)
+    share = on / on.sum(dim=(1, 2), keepdim=True).clamp_min(1.0)
+    places = image[:, _PLACES]
+    middle = (places * share[:, None]).sum(dim=(2, 3))
+    squares = ((places - middle[:, :, None, None]) ** 2 * share[:, None]).sum(dim=(1, 2, 3))
+    return middle, torch.sqrt(squares + 1e-6)
+
+
+def remaining(arms: Tensor, directions: Tensor) -> Tensor:
+    """Variances (..., 6) of rotation vector, rad^2, and translation, LENGTH^2, that beams leave of the prior.
+
+    Args:
+        arms: (..., 1, p, 3), LENGTH, from the object's middle to where each beam ends.
+        directions: (..., k, p, 3), 1 / LENGTH, along which each of k measurements of each beam fixes that place: unit
+            vectors by their standard deviations.
+    """
+    a, d = arms, directions
+    turns = torch.stack(
+        [
+            a[..., 1] * d[..., 2] - a[..., 2] * d[..., 1],
+            a[..., 2] * d[..., 0] - a[..., 0] * d[..., 2],
+            a[..., 0] * d[..., 1] - a[..., 1] * d[..., 0],
+        ],
+        dim=-1,
+    )
+    prior = torch.tensor(_PRIOR, dtype=d.dtype, device=d.device)
+    rows = (torch.cat([turns, d], dim=-1) * prior).flatten(-3, -2)  # (..., k p, 6)
+    information = rows.transpose(-1, -2) @ rows + torch.eye(6, dtype=d.dtype, device=d.device)
+    return torch.diagonal(inverse(information), dim1=-2, dim2=-1) * prior**2
+
+
+def inverse(matrix: Tensor) -> Tensor:
+    """Of symmetric positive definite matrices (..., n, n), by Gauss and Jordan: ONNX has no operator for it."""
+    n = matrix.shape[-1]
+    eye = torch.eye(n, dtype=matrix.dtype, device=matrix.device)
+    work = torch.cat([matrix, eye.expand_as(matrix)], dim=-1)
+    for k in range(n):
+        pivot = work[..., k : k + 1, :] / work[..., k : k + 1, k : k + 1]
+        work = work - work[..., :, k : k + 1] * pivot + eye[:, k : k + 1] * pivot
+    return work[..., n:]
