@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from pretouch_detector.model.backbone import Backbone
+from pretouch_detector.model.encoding import CHANNELS
 from pretouch_detector.model.roi_align import BINS, roi_align
 from pretouch_detector.model.rpn import RegionProposals, begin_unmoved
 from pretouch_detector.model.scorer import OUTPUTS
@@ -27,6 +28,7 @@ class RotatedRCNN(nn.Module):
     def __init__(self, features: int = 48, width: int = 32, hidden: int = 64) -> None:
         super().__init__()
         self.backbone = Backbone(features, width)
+        features += len(CHANNELS)
         self.proposals = RegionProposals(features, hidden)
         self.region = nn.Sequential(nn.Conv2d(features, hidden, 3), nn.SiLU())
         self.joined = nn.Sequential(
@@ -44,9 +46,8 @@ class RotatedRCNN(nn.Module):
         self.errors.bias.data.copy_(torch.tensor(_START))
 
     def features(self, image: Tensor) -> Tensor:
-        """image (b, C, S, S) -> (b, f, S/4, S/4)."""
-        found: Tensor = self.backbone(image)
-        return found
+        """image (b, C, S, S) -> (b, f, S/4, S/4): what the backbone finds, and the image itself, made smaller."""
+        return torch.cat([self.backbone(image), nn.functional.avg_pool2d(image, 4)], dim=1)
 
     def rpn(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Objectness (b, A), a logit, and deltas (b, A, 6) from the `anchors`."""
