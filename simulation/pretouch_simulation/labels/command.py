@@ -171,4 +171,4 @@ def show(
     shown = save_contact_sheet(dataset, sheet)
     console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
     console.print(table(views))
-    console.print(f"Statistics: {page}; {shown} views: {sheet}.", markup=False, soft_wrap=True)
+    console.print(f"Statistics: {page}; {len(shown)} views: {sheet}.", markup=False, soft_wrap=True)

@@ -19,7 +19,7 @@ from pretouch_simulation.split import mixed
 
 _COLOURS = {"train": "#1b9e77", "validation": "#d95f02"}
 _BEST, _WORST = "#00d000", "#ff2020"
-_ROWS, _COLUMNS = 6, 8
+_COLUMNS = 8
 _MOST_CM = 4.0
 _SHARES = (0.0, 0.1, 0.3, 1.0)
 _DEPTH_MARGIN = 0.02
@@ -43,14 +43,14 @@ def save_statistics(views: Sequence[ViewStatistics], title: str, path: Path) -> 
     save_small(figure, path, 80)
 
 
-def save_contact_sheet(dataset: Dataset, path: Path) -> int:
-    """Writes a PNG of up to 48 views of as many objects as there are; how many.
+def save_contact_sheet(dataset: Dataset, path: Path, rows: int = 6) -> list[str]:
+    """Writes a PNG of up to `rows` x 8 views of as many objects as there are; their names.
 
     Each with the object's outline (white), the best rectangle (green) and the worst one (red).
     """
     from matplotlib.figure import Figure
 
-    shown = _chosen(dataset)
+    shown = _chosen(dataset)[: rows * _COLUMNS]
     rows = -(-len(shown) // _COLUMNS)
     with mpl.rc_context({"font.size": 7}):
         figure = Figure(figsize=(1.75 * _COLUMNS, 0.4 + 1.9 * rows), layout="constrained")
@@ -62,7 +62,7 @@ def save_contact_sheet(dataset: Dataset, path: Path) -> int:
         for axes, (side, file) in zip(grid, shown, strict=False):
             _draw_view(axes, read(file), side, dataset.by_worst)
         save_small(figure, path, 90)
-    return len(shown)
+    return [file.stem for _, file in shown]
 
 
 def _chosen(dataset: Dataset) -> list[tuple[str, Path]]:
@@ -74,7 +74,7 @@ def _chosen(dataset: Dataset) -> list[tuple[str, Path]]:
         thing = file.stem.partition("-")[0]
         seen[thing] = seen.get(thing, 0) + 1
         order.append((seen[thing], side, file))
-    return [(side, file) for _, side, file in sorted(order, key=lambda one: one[0])][: _ROWS * _COLUMNS]
+    return [(side, file) for _, side, file in sorted(order, key=lambda one: one[0])]
 
 
 def _draw_counts(axes: Any, by_side: dict[str, list[ViewStatistics]]) -> None:

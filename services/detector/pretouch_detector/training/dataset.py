@@ -198,7 +198,7 @@ def read(path: Path) -> Example:
     if not path.is_file():
         raise NotFound(f"There is no {path}.", "Check the path.")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays: dict[str, NDArray[Any]] = {name: file[name] for name in file.files}
         about = json.loads(arrays["about"].tobytes())
         table = arrays["table"]
