@@ -48,12 +48,10 @@ def _draw(axes: Any, rows: Sequence[Row], setup: str) -> None:
     if setup == PAPER:
         _draw_printed(axes, list(table), subjects, step)
     first = next(row for row in rows if row.subject != CANDIDATES)
-    views = len({row.target for row in rows}) // max(1, len(table))
-    axes.set_title(
-        f"{TITLES[setup].replace('`', '')}\nmean and standard deviation of one scan: n = {len(table)} objects x "
-        f"{views} views x {first.count} proposals x {first.offsets} offsets, seed {first.seed}",
-        fontsize=10,
-    )
+    views = len({row.target for row in rows})
+    counts = f"{len(table)} objects, n = {views} views x {first.count} proposals x {first.offsets} offsets"
+    title = TITLES[setup].replace("`", "")
+    axes.set_title(f"{title}\nmean and standard deviation of one scan: {counts}, seed {first.seed}", fontsize=10)
     axes.set_xticks(range(len(names)), [name.replace("__", "\n").replace("_", " ") for name in names], fontsize=8)
     axes.set(ylabel="error of the object's points, cm", xlim=(-0.6, len(names) - 0.4))
     axes.set_ylim(bottom=0)

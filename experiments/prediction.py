@@ -26,12 +26,12 @@ from pretouch_orchestrator.loop import Loop
 from pretouch_orchestrator.path import plan_paths
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Settings, predict, register
-from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
+from pretouch_simulation.labels.view import LabelView
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.protocol import Case, generator, hidden_offset, make_case
-from pretouch_simulation.scanning import scan_along
 from pretouch_simulation.split import Split
 from rich.console import Console
 from rich.progress import track
@@ -63,10 +63,17 @@ class View:
         candidates: those that are compared.
     """
 
-    case: Case
-    scene: Scene
+    seen: LabelView
     made: tuple[RotatedRectangle, ...]
     candidates: tuple[RotatedRectangle, ...]
+
+    @property
+    def case(self) -> Case:
+        return self.seen.case
+
+    @property
+    def scene(self) -> Scene:
+        return self.seen.scene
 
 
 @dataclass(frozen=True)
@@ -166,7 +173,8 @@ def view_of(case: Case, candidates: int) -> View | None:
     first = max(STAGES)
     if len(usable) < first + candidates:
         return None
-    return View(case, record.scene, tuple(usable[:first]), tuple(usable[first : first + candidates]))
+    seen = LabelView(case, record.scene, record.origin)
+    return View(seen, tuple(usable[:first]), tuple(usable[first : first + candidates]))
 
 
 def compare(view: View, stage: int, offsets: int, seed: int) -> Comparison:
@@ -192,11 +200,7 @@ def _timed(scene: Scene, scans: Sequence[Scan], paths: Sequence[Trajectory]) -> 
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """One hidden offset: the object lies where `truth` moves it from where the camera puts it.
-
-    Only the object's place relative to the camera's belief matters, so that the world is moved rather than the
-    camera's extrinsics: what is computed of the depth image is then the same for all offsets.
-    """
+    """One hidden offset: the object lies where `truth` moves it from where the camera puts it."""
 
     view: View
     truth: Pose
@@ -218,20 +222,14 @@ class Session:
     def after(self, path: Trajectory, *name: object) -> Session:
         """The session once `path` is scanned, its noise fixed by the session's names and `name`."""
         names = (*self.names, *name)
-        scans = (*self.scans, self._scanned(path, generator(*names)))
+        scan = self.view.seen.scanned(self.truth, path, FingerModel.IDEAL, generator(*names))
+        scans = (*self.scans, scan)
         return replace(self, scans=scans, estimate=register(self.view.scene, scans, Settings()), names=names)
 
     def achieved(self, paths: Sequence[Trajectory]) -> list[float]:
         """m: the error after each path, were it scanned next."""
         after = [self.after(path, "candidate", k) for k, path in enumerate(paths)]
         return [session.error(session.estimate) for session in after]
-
-    def _scanned(self, path: Trajectory, rng: np.random.Generator) -> Scan:
-        world_T_base = self.view.case.truth @ self.truth.inverse()
-        sensor = sensor_of(FingerModel.IDEAL)
-        moved = Trajectory(path.t, world_T_base.matrix @ path.base_T_tip)
-        samples = scan_along(self.view.case.world, moved, sensor, FingerModel.IDEAL, rng)
-        return replace(samples, base_T_tip=world_T_base.inverse().matrix @ samples.base_T_tip).beams(sensor)
 
 
 def sessions(view: View, stage: int, offsets: int, seed: int) -> Iterable[Session]:

@@ -109,6 +109,28 @@ def test_rows_survive_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
         kept.Kept(path, {"seed": 1})
 
 
+def test_two_candidates_are_scanned_foretold_and_compared_under_the_same_offset(meshes: Path) -> None:
+    one_scan.prepare(["ideal", "paper"])
+    target = one_scan.Target(meshes / "drill.obj", 0)
+    by_finger, by_cut = (one_scan.run_job(one_scan.Job(target, s, "candidates", 2, 1, 0)) for s in ("ideal", "paper"))
+    assert by_finger.problem == by_cut.problem == ""
+    assert by_finger.rectangles == by_cut.rectangles
+    assert by_finger.initial == by_cut.initial
+    assert 0.003 < by_finger.initial[0] < 0.06
+    assert [len(one) for one in by_finger.errors] == [1, 1]
+    assert 0 < min(by_finger.errors)[0] < by_finger.initial[0]
+    assert len(by_finger.foreseen) == 2
+    assert by_cut.foreseen == []
+    assert one_scan.run_job(one_scan.Job(target, "paper", "candidates", 2, 1, 0)) == by_cut
+
+
+def test_what_cannot_be_seen_is_part_of_the_answer(tmp_path: Path) -> None:
+    (tmp_path / "nothing.obj").write_text("v 0 0 0\n")
+    row = one_scan.run_job(one_scan.Job(one_scan.Target(tmp_path / "nothing.obj", 0), "ideal", "random", 2, 1, 0))
+    assert row.problem
+    assert row.errors == []
+
+
 def table1(meshes: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(EXPERIMENTS / "table1.py"), "--meshes", str(meshes), "--out", str(out), *options]
     return subprocess.run(command, capture_output=True, text=True, timeout=240)
