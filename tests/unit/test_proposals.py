@@ -64,3 +64,17 @@ def test_a_proposer_that_is_not_ready_is_refused_with_those_that_are(scene: Scen
 def test_a_count_out_of_range_is_refused(scene: Scene, count: int) -> None:
     with pytest.raises(InvalidInput):
         propose(scene, None, Sensor(), count, 0)
+
+
+@pytest.mark.parametrize("proposer", OF_CANDIDATES)
+def test_a_strip_that_no_rectangle_overlaps_well_is_refused_and_one_nearly_as_slim_is_not(
+    scene: Scene, proposer: Proposer
+) -> None:
+    def strip(height: int) -> Scene:
+        mask = np.zeros_like(scene.mask)
+        mask[100 : 100 + height, 10:310] = True
+        return Scene(scene.depth, scene.camera, scene.base_T_camera, mask, scene.table)
+
+    assert propose(strip(8), proposer, Sensor(), 5, 0).regions
+    with pytest.raises(InvalidInput, match="300 x 1 pixels"):
+        propose(strip(1), proposer, Sensor(), 5, 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
@@ -18,7 +19,8 @@ AREA = (0.10, 0.50)
 """Share of the bounding rectangle's area (likewise)."""
 LOG_ASPECT = 1.2
 """Sides' ratios are log-uniform up to exp(1.2) = 3.3 either way; the paper does not say."""
-_BATCH = 512
+_BATCH, _MAX_BATCHES = 512, 100
+"""Of objects up to 15 : 1 every sixth rectangle is good, beyond 45 : 1 none is."""
 
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
@@ -27,23 +29,37 @@ def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) 
 
 
 def candidates(scene: Scene, count: int, rng: np.random.Generator) -> list[RotatedRectangle]:
-    """Rectangles as `drawn`."""
+    """Rectangles as `drawn`, which see."""
     return [RotatedRectangle(*row) for row in drawn(scene, count, rng)]
 
 
 def drawn(scene: Scene, count: int, rng: np.random.Generator) -> Array:
-    """(count, 5) as [x, y, w, h, theta]: centre uniform in the bounding rectangle, area and overlap as above."""
+    """(count, 5) as [x, y, w, h, theta]: centre uniform in the bounding rectangle, area and overlap as above.
+
+    About a very slim object few rectangles are good, so that there may be fewer.
+
+    Raises:
+        InvalidInput: none was found to be good.
+    """
     low, high = _bounding(scene)
     area = float(np.prod(high - low))
     found = np.zeros((0, 5))
-    while len(found) < count:
+    for _ in range(_MAX_BATCHES):
         centre = rng.uniform(low, high, (_BATCH, 2))
         size = rng.uniform(*AREA, _BATCH) * area
         width = np.sqrt(size * np.exp(rng.uniform(-LOG_ASPECT, LOG_ASPECT, _BATCH)))
         theta = rng.uniform(-np.pi / 2, np.pi / 2, _BATCH)
         batch = np.column_stack([centre, width, size / width, theta])
         found = np.concatenate([found, batch[_overlapping(batch, low, high)]])
-    return found[:count]
+        if len(found) >= count:
+            return found[:count]
+    if not len(found):
+        w, h = np.rint(high - low).astype(int)
+        raise InvalidInput(
+            f"The object takes {w} x {h} pixels: no rectangle overlaps so slim a strip well.",
+            "Check the mask, or look at the object from another side.",
+        )
+    return found
 
 
 def allowed(rectangles: Array, scene: Scene) -> NDArray[np.bool_]:
