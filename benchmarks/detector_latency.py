@@ -13,6 +13,7 @@ import argparse
 import importlib.util
 import json
 import os
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -148,7 +149,8 @@ def main() -> None:
     narf.warm_up()
     deep.WEIGHTS = Weights(options.weights, "scorer")
     deep.warm_up(THREADS)
-    content: dict[str, Any] = {"command": " ".join(sys.argv), "threads": THREADS, "views": len(scenes)}
+    command = shlex.join(["python", "-m", "benchmarks.detector_latency", *sys.argv[1:]])
+    content: dict[str, Any] = {"command": command, "threads": THREADS, "views": len(scenes), "load": os.getloadavg()}
     content["proposing_ms"] = proposing(scenes, options.repeats)
     for name, times in content["proposing_ms"].items():
         print(line(name, times))
