@@ -14,6 +14,7 @@ from pretouch_simulation.workers import in_workers
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from pretouch.errors import Unavailable
 from pretouch.session import Proposer
 
 SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).resolve().parents[2] / "shared"))
@@ -25,11 +26,18 @@ _VIEW_SECONDS = 1.0
 
 
 def ready(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
-    """Those that can be used, and why the others cannot."""
+    """Those that can be used, and why the others cannot.
+
+    Raises:
+        Unavailable: none can.
+    """
     reasons = dict(readiness())
     wanted = list(wanted)
     missing = {proposer.value: reasons[proposer] for proposer in wanted if reasons[proposer]}
-    return [proposer for proposer in wanted if not reasons[proposer]], missing
+    usable = [proposer for proposer in wanted if not reasons[proposer]]
+    if not usable:
+        raise Unavailable(f"None of the proposers is ready: {'; '.join(missing.values())}", "Name another one.")
+    return usable, missing
 
 
 def collect(jobs: Sequence[Job], workers: int | None, path: Path, settings: dict[str, Any], title: str) -> list[Row]:

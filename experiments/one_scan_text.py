@@ -59,19 +59,21 @@ def _about(rows: Sequence[Row]) -> str:
         f"n = {len(objects)} objects, {len(targets)} views, the first {first.count} proposals of each, {first.offsets} "
         f"hidden offsets each, the same ones for all proposals of a view; seed {first.seed}. Each proposal is scanned "
         f"alone. Error without a scan: {_cm(initial(rows))}. Cells: mean (standard deviation of the single scans over "
-        "proposals, views and offsets)."
+        "proposals, views and offsets), and how many proposals there are where some are missing."
     )
 
 
 def _objects(rows: Sequence[Row], missing: dict[str, str]) -> list[str]:
     table = cells(rows)
     subjects = list(dict.fromkeys(row.subject for row in rows if row.subject != CANDIDATES))
+    first = next(row.count for row in rows if row.subject != CANDIDATES)
     known = any(name in PAPER_TABLE for name in table)
     headings = ["object", *subjects, *missing]
     headings += [f"paper: {name}" for name in PAPER_MEAN] if known else []
     lines = [_line(headings), _line(["---"] * len(headings))]
     for name, by_subject in table.items():
-        found = [_cell(by_subject[subject]) for subject in subjects] + [_DASH] * len(missing)
+        most = first * len({row.target for row in rows if row.object == name})
+        found = [_cell(by_subject[subject], most) for subject in subjects] + [_DASH] * len(missing)
         printed = [_pair(PAPER_TABLE.get(name, {}).get(column)) for column in PAPER_MEAN] if known else []
         lines.append(_line([name, *found, *printed]))
     means = [(one.mean, one.std_runs) if (one := overall(rows, subject)) else None for subject in subjects]
@@ -123,8 +125,12 @@ def _oracle(rows: Sequence[Row], setup: str) -> list[str]:
     return [*lines, ""]
 
 
-def _cell(found: Cell | None) -> str:
-    return _DASH if found is None else _pair((100 * found.mean, 100 * found.std_runs))
+def _cell(found: Cell | None, most: int) -> str:
+    """With the number of proposals where there are fewer than `most`."""
+    if found is None:
+        return _DASH
+    few = f", {found.proposals} of {most}" if found.proposals < most else ""
+    return _pair((100 * found.mean, 100 * found.std_runs)) + few
 
 
 def _pair(values: tuple[float, float] | None) -> str:

@@ -71,8 +71,6 @@ def run(arguments: argparse.Namespace) -> None:
     if min(arguments.views, arguments.scans) < 1:
         raise InvalidInput("There is nothing to scan.", "Give at least one view and one scan.")
     proposers, missing = ready(arguments.proposers)
-    if not proposers:
-        raise InvalidInput("None of the proposers is ready.", "Name one that is.")
     paths = meshes_in(arguments.meshes, limit=arguments.limit, split=arguments.split)
     out: Path = arguments.out
     courses = _courses(arguments, proposers, paths)

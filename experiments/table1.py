@@ -7,8 +7,8 @@
 Each of a proposer's first ten rectangles on each view of each mesh is scanned alone with `--offsets` hidden calibration
 errors. On the first `--oracle-views` views so are `--candidates` random rectangles, for the oracle. Writes table1.md,
 table1.json (every error) and table1.png. DIR is data/meshes/table1 of PRETOUCH_SHARED unless given. A run that was
-stopped goes on when it is started again. Rows of an earlier table1.json that this run does not make anew stay in it if
-their offsets and seed are the same: another proposer can be added later.
+stopped goes on when it is started again. Rows of an earlier table1.json stay in it where they fit beside this run's:
+another proposer, setting or sensor can be added later.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import Split
 
-from pretouch.errors import InvalidInput, PretouchError
+from pretouch.errors import InvalidInput, Malformed, PretouchError
 from pretouch.session import Proposer
 
 FIRST = 10
@@ -69,8 +69,10 @@ def run(arguments: argparse.Namespace) -> None:
     settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
     out: Path = arguments.out
     rows = collect(jobs, arguments.workers, out / "table1.partial", settings, "table 1")
+    if not any(row.errors for row in rows):
+        raise InvalidInput("Nothing could be scanned.", "Give meshes that can be seen; the reasons are above.")
     command = shlex.join(["python", "experiments/table1.py", *sys.argv[1:]])
-    earlier, commands = _earlier(out / "table1.json", rows, {job.target.name for job in jobs})
+    earlier, commands = fitting(out / "table1.json", rows, jobs)
     rows = sorted([*earlier, *rows], key=lambda row: (row.target, _ORDER.index(row.subject)))
     commands = [*commands, command]
     setups = [setup for setup in _setups(SETTINGS, list(FingerModel)) if any(row.setup == setup for row in rows)]
@@ -105,19 +107,33 @@ def _setups(settings: Sequence[str], sensors: Sequence[FingerModel]) -> list[str
     return [*real, PAPER] if PAPER in settings else real
 
 
-def _earlier(path: Path, rows: Sequence[Row], targets: set[str]) -> tuple[list[Row], list[str]]:
-    """The rows of an earlier run that fit beside the new ones, and its commands; neither if none fit."""
+def fitting(path: Path, rows: Sequence[Row], jobs: Sequence[Job]) -> tuple[list[Row], list[str]]:
+    """The rows of an earlier run that fit beside the new ones, and its commands; neither if none fit.
+
+    Those on other objects do not, nor do those that were made anew, with other offsets, or on other views than these.
+
+    Raises:
+        Malformed: the earlier run's file cannot be read.
+    """
     if not path.exists():
         return [], []
-    content = json.loads(path.read_text())
-    keys, made = {row.key for row in rows}, {row.setup: row.made for row in rows}
-    every = [Row(**values) for values in content["rows"]]
-    fitting = [
+    try:
+        content = json.loads(path.read_text())
+        every = [Row(**values) for values in content["rows"]]
+        commands = list(content["commands"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise Malformed(f"{path} is not a table of this version.", "Delete it, or choose another --out.") from error
+    made = {row.setup: row.made for row in rows}
+    keys, objects = {row.key for row in rows}, {job.target.object for job in jobs}
+    views = {(job.setup, job.target.name) for job in jobs}
+    found = [
         row
         for row in every
-        if row.key not in keys and row.target in targets and made.get(row.setup, row.made) == row.made
+        if row.key not in keys
+        and row.object in objects
+        and (row.setup not in made or (row.made == made[row.setup] and (row.setup, row.target) in views))
     ]
-    return fitting, content["commands"] if fitting else []
+    return found, commands if found else []
 
 
 def _still_missing(rows: Sequence[Row], setup: str, missing: dict[str, str]) -> dict[str, str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 EXPERIMENTS = Path(__file__).resolve().parents[1] / "experiments"
 sys.path.append(str(EXPERIMENTS))
 
-kept, one_scan, one_scan_figures, one_scan_text, oracle, sessions, transfer = map(
-    importlib.import_module, ("kept", "one_scan", "one_scan_figures", "one_scan_text", "oracle", "sessions", "transfer")
+kept, one_scan, one_scan_figures, one_scan_text, oracle, sessions, table1, transfer = map(
+    importlib.import_module,
+    ("kept", "one_scan", "one_scan_figures", "one_scan_text", "oracle", "sessions", "table1", "transfer"),
 )

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from experiment_modules import EXPERIMENTS, kept, one_scan, one_scan_figures, one_scan_text, oracle
+from experiment_modules import EXPERIMENTS, kept, one_scan, one_scan_figures, one_scan_text, oracle, table1
 from made_frame import write_mesh
 from pretouch_simulation.objects import MAKERS
 
-from pretouch.errors import Conflict
+from pretouch.errors import Conflict, Malformed
 
 HUGE = 99.0
 
@@ -91,7 +91,7 @@ def test_the_gain_of_a_proposer_is_on_the_views_that_it_shares_with_the_candidat
 
 def test_the_papers_own_row_stands_beside_ours_and_what_is_not_ready_is_said() -> None:
     text = one_scan_text.section([row("wallet 0", "random", [[0.01, 0.03]])], "ideal", {"deep": "No weights."})
-    assert "| wallet | 2.00 (1.00) | – | 1.16 (0.63) | 1.70 (0.83) | 0.89 (0.66) |" in text
+    assert "| wallet | 2.00 (1.00), 1 of 10 | – | 1.16 (0.63) | 1.70 (0.83) | 0.89 (0.66) |" in text
     assert "`deep` is left out: No weights." in text
     assert "n = 1 objects, 1 views" in text
     assert "seed 0" in text
@@ -131,7 +131,36 @@ def test_what_cannot_be_seen_is_part_of_the_answer(tmp_path: Path) -> None:
     assert row.errors == []
 
 
-def table1(meshes: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
+def test_earlier_rows_stay_where_they_fit_beside_the_new_ones(tmp_path: Path) -> None:
+    def made(target: str, setup: str, subject: str, **changes: Any) -> Any:
+        return row(target, subject, [[0.01, 0.02]], setup=setup, **changes)
+
+    earlier = [
+        *(made("cup 0", setup, subject) for setup in ("ideal", "paper") for subject in ("random", "deep")),
+        made("cup 1", "ideal", "random"),
+        made("cup 1", "paper", "random"),
+        made("hat 0", "paper", "random"),
+        made("cup 0", "ideal", "narf", seed=1),
+    ]
+    path = tmp_path / "table1.json"
+    assert table1.fitting(path, [], []) == ([], [])
+    path.write_text(json.dumps({"commands": ["first"], "rows": [one.as_dict() for one in earlier]}))
+    job = one_scan.Job(one_scan.Target(Path("cup.ply"), 0), "ideal", "deep", 10, 2, 0)
+    kept_rows, commands = table1.fitting(path, [made("cup 0", "ideal", "deep")], [job])
+    # Made anew: deep under the ideal finger. Unfit: another view of that setup, another object, another seed.
+    assert [one.key for one in kept_rows] == [
+        ("cup 0", "ideal", "random"),
+        ("cup 0", "paper", "random"),
+        ("cup 0", "paper", "deep"),
+        ("cup 1", "paper", "random"),
+    ]
+    assert commands == ["first"]
+    path.write_text("{}")
+    with pytest.raises(Malformed):
+        table1.fitting(path, [], [])
+
+
+def run_table1(meshes: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(EXPERIMENTS / "table1.py"), "--meshes", str(meshes), "--out", str(out), *options]
     return subprocess.run(command, capture_output=True, text=True, timeout=240)
 
@@ -145,7 +174,7 @@ def meshes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_table1_is_made_and_another_proposer_can_be_added(meshes: Path, tmp_path: Path) -> None:
     options = ("--views", "1", "--offsets", "2", "--settings", "paper", "--workers", "1", "--candidates", "12")
-    done = table1(meshes, tmp_path, *options, "--proposers", "random")
+    done = run_table1(meshes, tmp_path, *options, "--proposers", "random")
     assert done.returncode == 0, done.stderr[-2000:]
     first = json.loads((tmp_path / "table1.json").read_text())["rows"]
     assert [(one["subject"], len(one["errors"]), len(one["errors"][0])) for one in first] == [
@@ -155,7 +184,7 @@ def test_table1_is_made_and_another_proposer_can_be_added(meshes: Path, tmp_path
     assert not (tmp_path / "table1.partial").exists()
     # With the same offsets and the same seed, the first ten candidates are proposer random's.
     assert first[0]["rectangles"][:10] == first[1]["rectangles"]
-    done = table1(meshes, tmp_path, *options, "--proposers", "stability", "--candidates", "0")
+    done = run_table1(meshes, tmp_path, *options, "--proposers", "stability", "--candidates", "0")
     assert done.returncode == 0, done.stderr[-2000:]
     content = json.loads((tmp_path / "table1.json").read_text())
     assert [one["subject"] for one in content["rows"]] == ["candidates", "random", "stability"]
@@ -168,7 +197,7 @@ def test_table1_is_made_and_another_proposer_can_be_added(meshes: Path, tmp_path
 
 
 def test_table1_says_what_is_wrong_without_a_stack_trace(tmp_path: Path) -> None:
-    done = table1(tmp_path / "nowhere", tmp_path)
+    done = run_table1(tmp_path / "nowhere", tmp_path)
     assert done.returncode == 1
     assert "There is no folder" in done.stderr
     assert "Traceback" not in done.stderr
