@@ -33,6 +33,12 @@ _HEADINGS = (
     *("proposer", "scans", "mean", "std of scans", "std of proposals", "median", "p95", "> 1 cm", "lowest mean on"),
     *("rectangles a view", "without a path", "of the gain", "of the gain in hindsight"),
 )
+_NOTES = {
+    PAPER: (
+        "The error is over all of the object's points; the paper's Algorithm 1 counts those cut out alone. Numbers "
+        "compare with the paper's in their order rather than in size.\n",
+    )
+}
 _DASH = "–"
 
 
@@ -44,8 +50,8 @@ def section(rows: Sequence[Row], setup: str, missing: dict[str, str]) -> str:
         missing: proposers that are not ready, and why.
     """
     rows = [row for row in rows if row.setup == setup]
-    lines = [f"## {TITLES[setup]}", "", _about(rows), "", *_objects(rows, missing), "", *_overall(rows), ""]
-    lines += _oracle(rows, setup)
+    lines = [f"## {TITLES[setup]}", "", _about(rows), "", *_NOTES.get(setup, ()), *_objects(rows, missing), ""]
+    lines += [*_overall(rows), "", *_oracle(rows)]
     lines += [f"`{name}` is left out: {reason}\n" for name, reason in missing.items()]
     lines += [f"Failed: {row.target}, {row.subject}: {row.problem}\n" for row in rows if row.problem]
     return "\n".join(lines)
@@ -102,7 +108,7 @@ def _overall(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _oracle(rows: Sequence[Row], setup: str) -> list[str]:
+def _oracle(rows: Sequence[Row]) -> list[str]:
     between = ends(rows)
     if between is None:
         return []
