@@ -35,23 +35,26 @@ from pretouch.tof import Sensor
 
 THREADS = 2
 REGIONS = 20
+INPUTS = ("image", "rectangles", "analytic")
 Floats = np.ndarray[Any, np.dtype[np.floating[Any]]]
+Question = dict[str, Floats]
 
 
 class Recorder:
     """A network that remembers what it was asked.
 
     Attributes:
-        asked: image (1, C, S, S) and normalised rectangles (n, 5) of each question.
+        asked: the graph's inputs of each question.
     """
 
     def __init__(self, network: Network) -> None:
         self._network = network
-        self.asked: list[tuple[Floats, Floats]] = []
+        self.asked: list[Question] = []
 
-    def errors(self, encoding: Encoding, rectangles: Floats) -> Floats:
-        self.asked.append((encoding.image[None], encoding.normalised(rectangles)))
-        return self._network.errors(encoding, rectangles)
+    def errors(self, encoding: Encoding, rectangles: Floats, analytic: Floats) -> Floats:
+        inputs = (encoding.image[None], encoding.normalised(rectangles), analytic.astype(np.float32))
+        self.asked.append(dict(zip(INPUTS, inputs, strict=True)))
+        return self._network.errors(encoding, rectangles, analytic)
 
 
 def proposing(scenes: Sequence[Scene], repeats: int) -> dict[str, list[float]]:
@@ -92,43 +95,35 @@ def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, A
         Unavailable: the weights cannot be read, or torch cannot.
     """
     network = deep.WEIGHTS.network()
-    questions = []
+    questions: list[Question] = []
     for scene in scenes:
         recorder = Recorder(network)
-        deep.regions(recorder, scene, REGIONS, np.random.default_rng(0))  # type: ignore[arg-type]
-        questions.append(recorder.asked)
+        deep.regions(recorder, scene, Sensor(), REGIONS, np.random.default_rng(0))  # type: ignore[arg-type]
+        questions += recorder.asked
 
-    def ask(question: list[tuple[Floats, Floats]]) -> list[Floats]:
-        names = ("image", "rectangles")
-        return [network.session.run(None, dict(zip(names, asked, strict=True)))[0] for asked in question]
+    def ask(question: Question) -> Floats:
+        answer: Floats = network.session.run(None, question)[0]
+        return answer
 
     answers = [ask(question) for question in questions]
     times = measured([lambda question=question: ask(question) for question in questions], repeats)
     torch_times, torch_answers = _by_torch(questions, repeats, folder)
-    mine, theirs = (np.concatenate([a for answer in each for a in answer]) for each in (answers, torch_answers))
+    mine, theirs = (np.concatenate(each) for each in (answers, torch_answers))
     return {"onnxruntime": times, "torch": torch_times, "apart": float(np.abs(mine - theirs).max())}
 
 
-def _by_torch(
-    questions: list[list[tuple[Floats, Floats]]], repeats: int, folder: Path
-) -> tuple[list[float], list[list[Floats]]]:
+def _by_torch(questions: list[Question], repeats: int, folder: Path) -> tuple[list[float], list[Floats]]:
     weights = folder / "scorer.safetensors"
     if importlib.util.find_spec("torch") is None or not weights.is_file():
         raise Unavailable("There is no torch, or no scorer.safetensors.", "Install pretouch[train].")
     with tempfile.TemporaryDirectory() as name:
         asked, told = Path(name) / "questions.npz", Path(name) / "answers.npz"
-        arrays = {
-            f"{what}-{k}-{j}": array
-            for k, question in enumerate(questions)
-            for j, pair in enumerate(question)
-            for what, array in zip(("image", "rectangles"), pair, strict=True)
-        }
+        arrays = {f"{name}-{k}": array for k, question in enumerate(questions) for name, array in question.items()}
         np.savez(asked, **arrays)
         command = ["-m", "benchmarks.detector_latency_torch", asked, told, weights, str(THREADS), str(repeats)]
         subprocess.run([sys.executable, *command], check=True, timeout=1800)
         with np.load(told) as file:
-            answers = [[file[f"{k}-{j}"] for j in range(len(question))] for k, question in enumerate(questions)]
-            return file["ms"].tolist(), answers
+            return file["ms"].tolist(), [file[f"answer-{k}"] for k in range(len(questions))]
 
 
 def line(name: str, times: Sequence[float]) -> str:

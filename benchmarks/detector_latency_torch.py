@@ -23,23 +23,20 @@ def main() -> None:
     model.eval()
     with np.load(questions) as file:
         arrays = {name: torch.from_numpy(file[name]) for name in file.files}
-    names = [name.removeprefix("image-") for name in arrays if name.startswith("image-")]
-    asked: dict[str, list[str]] = {}
-    for name in names:
-        asked.setdefault(name.partition("-")[0], []).append(name)
+    count = sum(name.startswith("image-") for name in arrays)
 
-    def ask(name: str) -> torch.Tensor:
-        answer: torch.Tensor = model(arrays[f"image-{name}"], arrays[f"rectangles-{name}"][None])
+    def ask(k: int) -> torch.Tensor:
+        rectangles, analytic = arrays[f"rectangles-{k}"], arrays[f"analytic-{k}"]
+        answer: torch.Tensor = model(arrays[f"image-{k}"], rectangles[None], analytic[None])
         return answer[0, :, :2]
 
     with torch.inference_mode():
-        told = {name: ask(name).numpy() for name in names}
+        told = {f"answer-{k}": ask(k).numpy() for k in range(count)}
         times = []
         for _ in range(int(repeats)):
-            for question in asked.values():
+            for k in range(count):
                 started = time.perf_counter()
-                for name in question:
-                    ask(name)
+                ask(k)
                 times.append(1e3 * (time.perf_counter() - started))
     np.savez(Path(answers), ms=np.array(times), **told)
 

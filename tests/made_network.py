@@ -1,4 +1,6 @@
-"""Weights as proposer `deep` reads them, without training and without onnx: log error = rectangle . slope + bias.
+"""Weights as proposer `deep` reads them, without training and without onnx.
+
+Log error = rectangle . slope + bias + share * log analytic.
 
 The graph is written straight in protobuf's wire format, field numbers as in onnx.proto (IR version 8, opset 17).
 """
@@ -16,29 +18,46 @@ from pretouch_detector.model.weights import FORMAT
 
 SLOPE = (-1.0, 0.0, 0.0, 0.0, 0.0)
 """The further right, the better."""
-_FLOAT = 1
+_FLOAT, _INT64 = 1, 7
 
 
 def write(
-    folder: Path, slope: Sequence[float] = SLOPE, bias: float = -5.0, output: str = "log_error", **facts: Any
+    folder: Path,
+    slope: Sequence[float] = SLOPE,
+    bias: float = -5.0,
+    share: float = 0.0,
+    output: str = "log_error",
+    **facts: Any,
 ) -> Path:
     """Writes scorer.onnx and scorer.json into `folder`; `facts` replace what the latter says."""
     folder.mkdir(exist_ok=True)
-    (folder / "scorer.onnx").write_bytes(_model(np.asarray(slope, np.float32), bias, output))
+    (folder / "scorer.onnx").write_bytes(_model(np.asarray(slope, np.float32), bias, share, output))
     about = {"format": FORMAT, "design": "scorer", "channels": list(CHANNELS), "size": SIZE, **facts}
     (folder / "scorer.json").write_text(json.dumps(about))
     return folder
 
 
-def _model(slope: np.ndarray, bias: float, output: str) -> bytes:
-    weights, offset = np.stack([slope, np.zeros(5, np.float32)], axis=1), np.array([bias, -0.7], np.float32)
-    gemm = _field(1, b"rectangles") + _field(1, b"weights") + _field(1, b"offset")
-    gemm += _field(2, output.encode()) + _field(4, b"Gemm")
-    graph = _field(1, gemm) + _field(2, b"made")
-    graph += _field(5, _tensor("weights", weights)) + _field(5, _tensor("offset", offset))
-    graph += _field(11, _value("image", (1, len(CHANNELS), SIZE, SIZE))) + _field(11, _value("rectangles", ("n", 5)))
+def _model(slope: np.ndarray, bias: float, share: float, output: str) -> bytes:
+    weights = {
+        "slope": np.stack([slope, np.zeros(5, np.float32)], axis=1),
+        "bias": np.array([bias, -0.7], np.float32),
+        "share": np.array([[share, 0.0]], np.float32),
+    }
+    graph = _node("Log", ("analytic",), "logs") + _node("Unsqueeze", ("logs", "axis"), "column")
+    graph += _node("Gemm", ("rectangles", "slope", "bias"), "linear") + _node("Gemm", ("column", "share"), "shared")
+    graph += _node("Add", ("linear", "shared"), output) + _field(2, b"made")
+    graph += _field(5, _number(1, 1) + _number(2, _INT64) + _field(8, b"axis") + _field(9, (1).to_bytes(8, "little")))
+    graph += b"".join(_field(5, _tensor(name, values)) for name, values in weights.items())
+    graph += _field(11, _value("image", (1, len(CHANNELS), SIZE, SIZE)))
+    graph += _field(11, _value("rectangles", ("n", 5))) + _field(11, _value("analytic", ("n",)))
     graph += _field(12, _value(output, ("n", 2)))
     return _number(1, 8) + _field(7, graph) + _field(8, _number(2, 17))
+
+
+def _node(kind: str, inputs: Sequence[str], output: str) -> bytes:
+    return _field(
+        1, b"".join(_field(1, name.encode()) for name in inputs) + _field(2, output.encode()) + _field(4, kind.encode())
+    )
 
 
 def _tensor(name: str, values: np.ndarray) -> bytes:

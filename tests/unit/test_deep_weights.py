@@ -101,9 +101,10 @@ def test_naming_the_proposers_imports_no_onnxruntime_and_asking_deep_no_torch(tm
 
 
 def test_the_error_is_the_exponential_of_the_answer(tmp_path: Path) -> None:
-    network = Weights(made_network.write(tmp_path / "weights", (0, 0, 0.5, 0, 0), -4.0), "scorer").network()
+    network = Weights(made_network.write(tmp_path / "weights", (0, 0, 0.5, 0, 0), -1.0, 0.5), "scorer").network()
     encoding = deep.encode(SCENE)
     assert encoding.image.shape[0] == len(CHANNELS)
     rectangles = np.array([(60.0, 50, 20, 10, 0.1), (70.0, 55, 30, 12, 0.2)])
-    expected = np.exp(-4.0 + 0.5 * rectangles[:, 2] / encoding.half)
-    np.testing.assert_allclose(network.errors(encoding, rectangles), expected, rtol=1e-5)
+    analytic = np.array([0.004, 0.009])
+    expected = np.exp(-1.0 + 0.5 * rectangles[:, 2] / encoding.half) * np.sqrt(analytic)
+    np.testing.assert_allclose(network.errors(encoding, rectangles, analytic), expected, rtol=1e-5)

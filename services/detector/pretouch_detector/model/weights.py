@@ -32,15 +32,25 @@ class Network:
     """A trained network; threads may share it.
 
     Attributes:
-        session: of onnxruntime. Inputs `image` (1, C, S, S) and `rectangles` (n, 5) as `Encoding` gives them, output
-            `log_error` (n, 2): logs of the mean error, m, and of the standard deviation of the error's logarithm.
+        session: of onnxruntime. Inputs `image` (1, C, S, S) and `rectangles` (n, 5) as `Encoding` gives them, and
+            `analytic` (n,), m; output `log_error` (n, 2): logs of the mean error, m, and of the standard deviation of
+            the error's logarithm.
     """
 
     session: Any
 
-    def errors(self, encoding: Encoding, rectangles: ArrayLike) -> Array:
-        """(n,), m: the error that a scan of each perimeter would leave; rectangles (n, 5) in the scene's pixels."""
-        inputs = {"image": encoding.image[None], "rectangles": encoding.normalised(rectangles)}
+    def errors(self, encoding: Encoding, rectangles: ArrayLike, analytic: ArrayLike) -> Array:
+        """(n,), m: the error that a scan of each perimeter would leave.
+
+        Args:
+            rectangles: (n, 5) in the scene's pixels.
+            analytic: (n,), m: what `proposals.information` works out for each.
+        """
+        inputs = {
+            "image": encoding.image[None],
+            "rectangles": encoding.normalised(rectangles),
+            "analytic": np.asarray(analytic, dtype=np.float32),
+        }
         (answer,) = self.session.run(["log_error"], inputs)
         return np.exp(answer[:, 0].astype(np.float64))
 
@@ -69,7 +79,7 @@ def load(folder: Path, design: str, threads: int) -> Network:
     network = Network(_session(folder / f"{design}.onnx", threads))
     nothing = Encoding(np.zeros((len(CHANNELS), SIZE, SIZE), np.float32), (0.0, 0.0), 1.0)
     try:
-        answer = network.errors(nothing, [(0.0, 0.0, 1.0, 1.0, 0.0)] * 3)
+        answer = network.errors(nothing, [(0.0, 0.0, 1.0, 1.0, 0.0)] * 3, [0.01] * 3)
     except Exception as error:  # onnxruntime raises many kinds
         raise Unavailable(f"The weights {design} hold another network: {_first_line(error)}", _REMEDY) from error
     if answer.shape != (3,) or not np.isfinite(answer).all():

@@ -1,7 +1,7 @@
 """Proposer `deep`: random candidates ranked by the pose error that a trained network foretells for each.
 
-The network looks at the scene once and then at the perimeter of any rectangle. The best candidates are varied and asked
-about again: a few hundred draws over five dimensions only come near the best.
+The network looks at the scene once, then along the perimeters, and corrects what proposer `stability` works out. Of the
+candidates that are poor by `stability` it is not asked: it seldom makes them good, and its time is dear.
 """
 
 from __future__ import annotations
@@ -16,19 +16,16 @@ from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.model.encoding import encode
 from pretouch_detector.model.weights import FOLDER, THREADS, Network, Weights
-from pretouch_detector.proposals.random import allowed, drawn
+from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.proposals.random import drawn
 from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_detector.proposals.spread import spread
 
 WEIGHTS = Weights(FOLDER, "scorer")
 _MARGIN = 0.13
 """m around the object that the network may see: a session's view has about as much, and the network learned by it."""
-_CANDIDATES = 256
-_ROUNDS = 1
-_PARENTS, _CHILDREN = 24, 4
-"""In each round, how many of the best are varied, and how many variants each has."""
-_SHIFT, _STRETCH, _TURN = 0.08, 0.12, 0.15
-"""Standard deviations of a variant: in the geometric mean of the sides, of their logarithms, and rad."""
+_CANDIDATES, _ASKED = 320, 160
+"""Drawn, and of them the best by `stability` that the network is asked about; of each at least as many as wanted."""
 
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
@@ -37,7 +34,7 @@ def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) 
     Raises:
         Unavailable: the network cannot be read.
     """
-    return regions(WEIGHTS.network(), scene, count, rng)
+    return regions(WEIGHTS.network(), scene, sensor, count, rng)
 
 
 def not_ready() -> str:
@@ -57,19 +54,16 @@ def warm_up(threads: int = THREADS) -> None:
         return
 
 
-def regions(network: Network, scene: Scene, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
+def regions(
+    network: Network, scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator
+) -> list[ProposedRegion]:
     """As `propose`, by any network."""
     scene, origin = scene.cropped(_MARGIN)
-    encoding = encode(scene)
     rectangles = drawn(scene, max(_CANDIDATES, count), rng)
-    errors = network.errors(encoding, rectangles)
-    for _ in range(_ROUNDS):
-        best = np.argsort(errors, kind="stable")[:_PARENTS]
-        variants = _varied(np.repeat(rectangles[best], _CHILDREN, axis=0), rng)
-        variants = variants[allowed(variants, scene)]
-        if len(variants):
-            rectangles = np.concatenate([rectangles, variants])
-            errors = np.concatenate([errors, network.errors(encoding, variants)])
+    analytic, _ = remaining_error(scene, sensor, rectangles)
+    asked = np.argsort(analytic, kind="stable")[: max(_ASKED, count)]
+    rectangles = rectangles[asked]
+    errors = network.errors(encode(scene), rectangles, analytic[asked])
     order = np.argsort(errors, kind="stable")
     kept = order[spread(rectangles[order], count)]
     confidence = np.clip(1.0 - errors / from_prior(Prior(), scene.cloud).expected_error, 0.0, 1.0)
@@ -77,11 +71,7 @@ def regions(network: Network, scene: Scene, count: int, rng: np.random.Generator
     return [ProposedRegion(RotatedRectangle(*rectangles[k]), float(confidence[k])) for k in kept]
 
 
-def _varied(rectangles: Array, rng: np.random.Generator) -> Array:
-    """Each rectangle (n, 5) moved, stretched and turned a little."""
-    n = len(rectangles)
-    side = np.sqrt(rectangles[:, 2:3] * rectangles[:, 3:4])
-    centre = rectangles[:, :2] + _SHIFT * side * rng.standard_normal((n, 2))
-    sides = rectangles[:, 2:4] * np.exp(_STRETCH * rng.standard_normal((n, 2)))
-    theta = rectangles[:, 4:] + _TURN * rng.standard_normal((n, 1))
-    return np.concatenate([centre, sides, theta], axis=1)
+def foretold(network: Network, scene: Scene, sensor: Sensor, rectangles: Array) -> Array:
+    """(n,), m: the error that a scan along each perimeter would leave; rectangles (n, 5) in the scene's pixels."""
+    analytic, _ = remaining_error(scene, sensor, rectangles)
+    return network.errors(encode(scene), rectangles, analytic)
