@@ -37,7 +37,7 @@ def made_views(count: int, seed: int = 0) -> list[Targets]:
         ).astype(np.float32)
         error = 0.005 * np.exp(2 * rectangles[:, 1])
         errors = np.column_stack([np.where(np.arange(12) < 6, error, np.nan), error, error]).astype(np.float32)
-        views.append(Targets(image, rectangles, errors))
+        views.append(Targets(image, rectangles, np.full(12, 0.007, np.float32), errors))
     return views
 
 
@@ -59,7 +59,8 @@ def perimeters(folder: Path) -> None:
     given = np.column_stack([rng.normal(size=(50, 2)), rng.uniform(0.1, 2, (50, 2)), rng.uniform(-1.5, 1.5, 50)])
     model = Scorer()
     points, tangents = (each.double().numpy() for each in perimeter(torch.tensor(given), model.steps.double()))
-    for row, on, along, step in zip(given, points, tangents, spacing, strict=True):
+    for row, on, along in zip(given, points, tangents, strict=True):
+        step = 2 * (row[2] + row[3]) / len(on)
         rectangle = RotatedRectangle(*row)
         assert np.abs(rectangle.distance(on)).max() < 1e-9
         np.testing.assert_allclose(np.abs(rectangle.distance(on + 1e-4 * along)), 0, atol=1.01e-4)
@@ -118,8 +119,10 @@ def served_equals_torch(folder: Path) -> None:
         for n in (1, 5, 12):
             encoding = Encoding(view.image, (0.0, 0.0), 1.0)
             with torch.no_grad():
-                told = served(torch.tensor(view.image[None]), torch.tensor(view.rectangles[:n])).numpy()
-            np.testing.assert_allclose(network.errors(encoding, view.rectangles[:n]), np.exp(told[:, 0]), rtol=1e-4)
+                inputs = (view.image[None], view.rectangles[:n], view.analytic[:n])
+                told = served(*map(torch.tensor, inputs)).numpy()
+            answered = network.errors(encoding, view.rectangles[:n], view.analytic[:n])
+            np.testing.assert_allclose(answered, np.exp(told[:, 0]), rtol=1e-4)
     assert told.shape == (12, 2)
     assert len(OUTPUTS) == 4
 

@@ -24,7 +24,7 @@ def drawn(rectangle: RotatedRectangle) -> Targets:
     image[SEEN] = 1
     image[OBJECT], image[HEIGHT], image[ACROSS] = inside, 0.8 * inside, PIXELS[..., 0]
     errors = np.array([[0.01, np.nan, 0.02]], np.float32)
-    return Targets(image, np.array([rectangle.as_list()], np.float32), errors)
+    return Targets(image, np.array([rectangle.as_list()], np.float32), np.full(1, 0.007, np.float32), errors)
 
 
 @given(

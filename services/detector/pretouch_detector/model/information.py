@@ -14,7 +14,7 @@ _OBJECT = CHANNELS.index("object")
 
 
 def object_of(image: Tensor) -> tuple[Tensor, Tensor]:
-    """Of the object in images (b, C, s, s): its mean (b, 3) as (height, away, across), and its rms radius (b,); LENGTH."""
+    """Of the object in images (b, C, s, s), in LENGTH: its mean (b, 3), height, away, across, and rms radius (b,)."""
     on = (image[:, _OBJECT] > 0.5).to(image.dtype)
     share = on / on.sum(dim=(1, 2), keepdim=True).clamp_min(1.0)
     places = image[:, _PLACES]

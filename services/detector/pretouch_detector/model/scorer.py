@@ -1,12 +1,15 @@
 """The single-stage design: the error that a scan of any rectangle's perimeter would leave.
 
-Features are read along the perimeter, where the finger would go, and nowhere else. A small network reads each point
-with its neighbours and says along which directions, and how well, a beam there fixes the place of what it meets. What
-beams tell of a pose adds up as J^T J (Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003); with
-the calibration prior that leaves an error, which a last network corrects by what it sees of the whole.
+The network corrects what proposer `stability` works out by itself, the `analytic` error. Features are read along the
+perimeter, where the finger would go, and nowhere else. A small network reads each point with its neighbours and says
+along which directions, and how well, a beam there fixes the place of what it meets. What beams tell of a pose adds up
+as J^T J (Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003). From the variances that this
+leaves of the calibration prior, the perimeter and the whole a last network takes the correction.
 """
 
 from __future__ import annotations
+
+import math
 
 import torch
 from torch import Tensor, nn
@@ -22,6 +25,8 @@ OUTPUTS = ("log_error", "log_std", "log_expected", "log_foreseen")
 expects after the scan and foretells before it: the last two only help to learn."""
 _DIRECTIONS = 2
 """That a beam fixes the place along."""
+_USUAL = 0.007
+"""m: an error."""
 _SHARP = 4.0
 """1 / LENGTH: of a direction for which the network says 1."""
 
@@ -43,9 +48,9 @@ class _Along(nn.Module):
 
 
 class Scorer(nn.Module):
-    """`forward(image (b, C, S, S), rectangles (b, r, 5))` -> (b, r, len(OUTPUTS)).
+    """`forward(image (b, C, S, S), rectangles (b, r, 5), analytic (b, r))` -> (b, r, len(OUTPUTS)).
 
-    Rectangles are as by `Encoding.normalised`.
+    Rectangles are as by `Encoding.normalised`, analytic errors in m.
     """
 
     def __init__(self, features: int = 48, width: int = 32, hidden: int = 64) -> None:
@@ -56,7 +61,7 @@ class Scorer(nn.Module):
         self.directions = nn.Conv1d(hidden, 3 * _DIRECTIONS, 1)
         self.whole = nn.Sequential(nn.Linear(features, hidden), nn.SiLU())
         self.head = nn.Sequential(
-            nn.Linear(3 * hidden + 7 + 3, 2 * hidden), nn.SiLU(), nn.Dropout(0.1),
+            nn.Linear(3 * hidden + 8 + 3, 2 * hidden), nn.SiLU(), nn.Dropout(0.1),
             nn.Linear(2 * hidden, hidden), nn.SiLU(), nn.Linear(hidden, len(OUTPUTS)),
         )  # fmt: skip
         last = self.head[-1]
@@ -68,7 +73,7 @@ class Scorer(nn.Module):
         self.register_buffer("of_error", torch.tensor([1.0, 0.0, 1.0, 1.0]), persistent=False)
         self.of_error: Tensor
 
-    def forward(self, image: Tensor, rectangles: Tensor) -> Tensor:
+    def forward(self, image: Tensor, rectangles: Tensor, analytic: Tensor) -> Tensor:
         features = self.backbone(image)
         b, r = rectangles.shape[:2]
         points, tangent = perimeter(rectangles, self.steps)
@@ -83,14 +88,13 @@ class Scorer(nn.Module):
         arms = seen[:, :3].permute(0, 2, 3, 1) - middle[:, None, None]
         left = remaining(arms[:, :, None], directions)  # (b, r, 6)
         turned, moved = left[..., :3].sum(dim=-1), left[..., 3:].sum(dim=-1)
-        by_information = 0.5 * torch.log(moved + radius[:, None] ** 2 * 2.0 / 3.0 * turned) + torch.log(
-            torch.tensor(LENGTH)
-        )
+        by_information = 0.5 * torch.log(moved + radius[:, None] ** 2 * 2.0 / 3.0 * turned) + math.log(LENGTH)
+        logs = torch.stack([by_information, torch.log(analytic)], dim=-1)
         whole = self.whole(features.mean(dim=(2, 3)))[:, None].expand(b, r, -1)
         size = image[:, -1, 0, 0][:, None, None].expand(b, r, 1)
-        told = [torch.log(left), by_information[..., None], torch.log(rectangles[..., 2:4]), size, whole]
+        told = [torch.log(left), logs - math.log(_USUAL), torch.log(rectangles[..., 2:4]), size, whole]
         pooled = torch.cat([x.mean(dim=2).reshape(b, r, -1), x.amax(dim=2).reshape(b, r, -1), *told], dim=2)
-        out: Tensor = self.head(pooled) + by_information[..., None] * self.of_error
+        out: Tensor = self.head(pooled) + logs[..., 1:] * self.of_error
         return out
 
 

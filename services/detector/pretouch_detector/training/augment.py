@@ -38,7 +38,7 @@ def augmented(targets: Targets, rng: np.random.Generator) -> Targets:
         image[_ACROSS] *= -1
         x, theta = -x, -theta
     rectangles = np.column_stack([x, y, zoom * w, zoom * h, theta]).astype(np.float32)
-    return Targets(image, rectangles, targets.errors)
+    return Targets(image, rectangles, targets.analytic, targets.errors)
 
 
 def _moved(image: Floats, turn: float, zoom: float, shift: np.ndarray) -> Floats:

@@ -20,11 +20,13 @@ class Batch:
         image: (b, C, S, S).
         rectangles: (b, r, 5).
         errors: (b, r, 3), m, NaN where unknown.
+        analytic: (b, r), m.
     """
 
     image: Tensor
     rectangles: Tensor
     errors: Tensor
+    analytic: Tensor
 
 
 def batch_of(views: Sequence[Targets], rectangles: int, rng: np.random.Generator, device: torch.device) -> Batch:
@@ -34,6 +36,7 @@ def batch_of(views: Sequence[Targets], rectangles: int, rng: np.random.Generator
         torch.from_numpy(np.stack([view.image for view in views])).to(device),
         torch.from_numpy(np.stack([view.rectangles[k] for view, k in zip(views, chosen, strict=True)])).to(device),
         torch.from_numpy(np.stack([view.errors[k] for view, k in zip(views, chosen, strict=True)])).to(device),
+        torch.from_numpy(np.stack([view.analytic[k] for view, k in zip(views, chosen, strict=True)])).to(device),
     )
 
 

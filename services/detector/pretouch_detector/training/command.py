@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import torch
 import typer
 from rich.console import Console
+from torch import nn
 
 from pretouch.errors import InvalidInput
+from pretouch_detector.model.rcnn import RotatedRCNN
 from pretouch_detector.model.scorer import Scorer
 from pretouch_detector.training.curves import draw
 from pretouch_detector.training.export import export_scorer
+from pretouch_detector.training.rcnn_export import export_rcnn
+from pretouch_detector.training.rcnn_loss import rcnn_loss
 from pretouch_detector.training.scorer_loss import scorer_loss
 from pretouch_detector.training.targets import load
-from pretouch_detector.training.trainer import Schedule, Trainer
+from pretouch_detector.training.trainer import Loss, Schedule, Trainer
 
 _INTERRUPTED = 130
 
@@ -27,6 +32,14 @@ class Design(StrEnum):
     """`SCORER` reads features along the perimeter of given rectangles; `RCNN` proposes rectangles by itself."""
 
     SCORER = "scorer"
+    RCNN = "rcnn"
+
+
+_PARTS: dict[Design, tuple[Callable[[], nn.Module], Loss, Callable[[Path, Path, dict[str, Any]], None]]] = {
+    Design.SCORER: (Scorer, scorer_loss, export_scorer),
+    Design.RCNN: (RotatedRCNN, rcnn_loss, export_rcnn),
+}
+"""The network, what it is taught by, and how it is written for serving."""
 
 
 def train(
@@ -49,7 +62,8 @@ def train(
     place = _device(device)
     torch.manual_seed(seed)
     schedule = Schedule(epochs=epochs, batch=batch, rectangles=rectangles, rate=rate, seed=seed)
-    trainer = Trainer(Scorer(), scorer_loss, schedule, out, place)
+    network, loss, export = _PARTS[design]
+    trainer = Trainer(network(), loss, schedule, out, place)
     views, validation = load(dataset, "train"), load(dataset, "validation")
     try:
         trainer.train(views, validation)
@@ -63,7 +77,7 @@ def train(
         "views": {"train": len(views), "validation": len(validation)},
         "validation": trainer.judged(validation),
     }
-    export_scorer(out / "weights.safetensors", out, facts)
+    export(out / "weights.safetensors", out, facts)
     console.print(f"The weights are {out}/{design}.onnx and .safetensors; the curves are {draw(out)}.")
 
 

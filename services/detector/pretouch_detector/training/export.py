@@ -25,9 +25,9 @@ class Served(nn.Module):
         super().__init__()
         self.scorer = scorer
 
-    def forward(self, image: Tensor, rectangles: Tensor) -> Tensor:
-        """`image` (1, C, S, S), `rectangles` (n, 5) -> `log_error` (n, 2)."""
-        out: Tensor = self.scorer(image, rectangles[None])[0, :, :2]
+    def forward(self, image: Tensor, rectangles: Tensor, analytic: Tensor) -> Tensor:
+        """`image` (1, C, S, S), `rectangles` (n, 5), `analytic` (n,) -> `log_error` (n, 2)."""
+        out: Tensor = self.scorer(image, rectangles[None], analytic[None])[0, :, :2]
         return out
 
 
@@ -56,13 +56,14 @@ def export_scorer(weights: Path, folder: Path, facts: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     save_file({name: value.contiguous() for name, value in model.state_dict().items()}, folder / "scorer.safetensors")
     image, rectangles = torch.zeros(1, len(CHANNELS), SIZE, SIZE), torch.rand(7, 5) + 0.1
+    analytic = torch.full((7,), 0.01)
     torch.onnx.export(
         Served(model).eval(),
-        (image, rectangles),
+        (image, rectangles, analytic),
         str(folder / "scorer.onnx"),
-        input_names=["image", "rectangles"],
+        input_names=["image", "rectangles", "analytic"],
         output_names=["log_error"],
-        dynamic_axes={"rectangles": {0: "n"}, "log_error": {0: "n"}},
+        dynamic_axes={name: {0: "n"} for name in ("rectangles", "analytic", "log_error")},
         opset_version=OPSET,
         dynamo=False,
     )

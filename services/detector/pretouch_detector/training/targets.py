@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.errors import InvalidInput
+from pretouch.tof import Sensor
 from pretouch_detector.model.encoding import Encoding, encode
+from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.training.dataset import Dataset, Example
 
 Floats = NDArray[np.float32]
@@ -24,12 +26,14 @@ class Targets:
     Attributes:
         image: (C, S, S), see `encoding`.
         rectangles: (r, 5), as `Encoding.normalised`.
+        analytic: (r,), m: what the perimeter tells by itself, see `proposals.information`.
         errors: (r, 3), m: ACHIEVED, the mean over the trials, or of the paper's trials the worst; EXPECTED by the
             engine after them; FORESEEN before them. NaN where unknown.
     """
 
     image: Floats
     rectangles: Floats
+    analytic: Floats
     errors: Floats
 
 
@@ -47,7 +51,8 @@ def targets_of(example: Example, worst: bool, encoding: Encoding | None = None) 
     told = ~np.isnan(example.expected).all(axis=1)
     expected[told] = np.nanmean(example.expected[told], axis=1)
     errors = np.column_stack([achieved, expected, example.foreseen]).astype(np.float32)
-    return Targets(seen.image, seen.normalised(example.rectangles), errors)
+    analytic, _ = remaining_error(example.scene, Sensor(), example.rectangles)
+    return Targets(seen.image, seen.normalised(example.rectangles), analytic.astype(np.float32), errors)
 
 
 def load(folders: Sequence[Path], side: str) -> list[Targets]:
