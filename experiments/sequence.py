@@ -38,7 +38,7 @@ from pretouch.errors import InvalidInput, PretouchError
 from pretouch.session import Planner, Proposer
 
 _SHARES = (0.05, 0.10, 0.15, 0.20, 0.30)
-_SECONDS_A_SCAN = 1.5
+_SECONDS_A_SCAN = 1.2
 """Of one core, match and forecast of the next."""
 
 
