@@ -89,8 +89,8 @@ def in_child(peer: str, cases: Path, repeats: int) -> dict[str, Result]:
         return {name: (arrays[f"seconds {name}"], arrays[f"matches {name}"]) for name in names}
 
 
-def pcl(cases: Path, repeats: int, folder: Path) -> dict[str, Result]:
-    """PCL's methods by the C++ program `bench` of `folder`, built first if need be.
+def pcl(cases: Path, repeats: int, folder: Path, methods: Sequence[str] = tuple(PCL_MODES)) -> dict[str, Result]:
+    """PCL's methods, by name, by the C++ program `bench` of `folder`, built first if need be.
 
     Raises:
         Missing: there is no such program and it cannot be built.
@@ -108,7 +108,8 @@ def pcl(cases: Path, repeats: int, folder: Path) -> dict[str, Result]:
             raise Missing(f"PCL: {(built.stderr.strip().splitlines() or ['the build failed'])[0]}")
         program = target / "bench"
     results = {}
-    for name, mode in PCL_MODES.items():
+    for name in methods:
+        mode = PCL_MODES[name]
         table = cases.with_suffix(f".{mode}.csv")
         words = [program, cases, mode, str(repeats), table, str(MAX_DISTANCE), str(MAX_ROUNDS)]
         subprocess.run(words, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=True, capture_output=True, timeout=1800)
