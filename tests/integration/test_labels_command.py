@@ -1,37 +1,38 @@
 """`pretouch labels` end to end: the same files for any number of workers, after any end, and on a Ray cluster."""
 
 import importlib.util
-import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import Result
 from label_cases import example
 from pretouch_detector.training.dataset import Dataset, write
+from pretouch_simulation.labels.command import labels
+from typer.testing import CliRunner
+
+from pretouch.errors import Conflict, Malformed, Unavailable
 
 OBJECTS = 3
 TINY = ("--kind", "trials", "--rectangles", "6", "--trials", "2", "--poses", "1", "--views", "1")
 
 
-def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "pretouch", "labels", *arguments]
+def generate(out: Path, *options: str) -> Result:
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        return CliRunner().invoke(labels, ["generate", "--out", str(out), *TINY, *options])
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
-def generate(out: Path, *options: str, expected: int = 0, environment: dict[str, str] | None = None) -> str:
-    done = subprocess.run(
-        command("generate", "--out", str(out), *TINY, *options),
-        capture_output=True,
-        text=True,
-        timeout=240,
-        env={**os.environ, **(environment or {})},
-    )
-    assert done.returncode == expected, done.stderr[-2000:] + done.stdout[-2000:]
-    assert "Traceback" not in done.stderr
-    return done.stdout + done.stderr
+def started(out: Path, *options: str) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "pretouch", "labels", "generate", "--out", str(out), *TINY, *options]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
 
 def arrays(out: Path) -> dict[str, bytes]:
@@ -44,98 +45,98 @@ def arrays(out: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """By one worker."""
-    out = tmp_path_factory.mktemp("one")
-    said = generate(out, "--made-in-code", str(OBJECTS), "--workers", "1")
-    assert f"{OBJECTS} of {OBJECTS} views are labelled" in said
-    return arrays(out)
+def by_two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Result, dict[str, bytes]]]:
+    """What two workers say and make of objects made in code and of a mesh that cannot be read."""
+    meshes, out = tmp_path_factory.mktemp("meshes"), tmp_path_factory.mktemp("two")
+    (meshes / "broken.ply").write_text("ply\n")
+    said = generate(out, "--meshes", str(meshes), "--made-in-code", str(OBJECTS), "--workers", "2")
+    return said, arrays(out)
 
 
-def test_two_workers_make_the_same_files(reference: dict[str, bytes], tmp_path: Path) -> None:
-    generate(tmp_path, "--made-in-code", str(OBJECTS), "--workers", "2")
-    assert arrays(tmp_path) == reference
-
-
-@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])
-def test_a_run_that_was_ended_goes_on_to_the_same_files(
-    reference: dict[str, bytes], tmp_path: Path, end: signal.Signals
+def test_views_that_cannot_be_labelled_are_listed_and_do_not_stop_the_run(
+    by_two: tuple[Result, dict[str, bytes]],
 ) -> None:
-    endless = command("generate", "--out", str(tmp_path), *TINY, "--made-in-code", "5000", "--workers", "1")
-    with subprocess.Popen(endless, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
-        give_up = time.monotonic() + 120
-        while not arrays(tmp_path) and time.monotonic() < give_up:
-            time.sleep(0.01)
-        process.send_signal(end)
+    said, made = by_two
+    assert said.exit_code == 0, said.output
+    assert "broken-0-0: broken.ply holds no triangles. Export it as a triangle mesh." in said.output
+    assert f"{OBJECTS} of {OBJECTS + 1} views are labelled" in said.output
+    assert len({name.split()[0] for name in made}) == OBJECTS
+
+
+def test_one_worker_ended_twice_makes_the_same_files_as_two(
+    by_two: tuple[Result, dict[str, bytes]], tmp_path: Path
+) -> None:
+    def ended(end: signal.Signals, files: int) -> tuple[int, str]:
+        with started(tmp_path, "--made-in-code", "5000", "--workers", "1") as process:
+            give_up = time.monotonic() + 120
+            while len(list(tmp_path.rglob("*.npz"))) < files and time.monotonic() < give_up:
+                time.sleep(0.01)
+            process.send_signal(end)
+            try:
+                return process.wait(120), process.communicate(timeout=120)[1]
+            finally:
+                process.kill()
+
+    code, said = ended(signal.SIGTERM, 1)
+    kept = list(tmp_path.rglob("*.npz"))
+    assert code == 130, said
+    assert f"{len(kept)} of 5000 views are kept" in said
+    assert "the same command goes on" in said
+    assert "Traceback" not in said
+    assert ended(signal.SIGKILL, len(kept) + 1)[0] == -signal.SIGKILL
+    made = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.npz")}
+    assert len(made) > len(kept)
+    (tmp_path / "train" / f".code__can_001-0-0.npz.{2**22 + 1}").write_bytes(b"half")
+    done = generate(tmp_path, "--made-in-code", str(OBJECTS), "--workers", "1")
+    assert done.exit_code == 0, done.output
+    assert {path: path.stat().st_mtime_ns for path in made} == made
+    assert {name: value for name, value in arrays(tmp_path).items() if name in by_two[1]} == by_two[1]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="no Ray here: pip install 'pretouch[ray]'")
+def test_a_ray_cluster_of_two_workers_makes_the_same_files(
+    by_two: tuple[Result, dict[str, bytes]], tmp_path: Path
+) -> None:
+    with started(tmp_path, "--made-in-code", str(OBJECTS), "--workers", "2", "--engine-cluster", "ray") as process:
         try:
-            _, said = process.communicate(timeout=120)
+            _, said = process.communicate(timeout=200)
+        except subprocess.TimeoutExpired:
+            pytest.skip("Ray does not start on this machine within 200 s.")
         finally:
             process.kill()
-    kept = list(tmp_path.rglob("*.npz"))
-    assert kept
-    if end is signal.SIGTERM:
-        assert process.returncode == 130, said
-        assert f"{len(kept)} of 5000 views are kept" in said
-    made = {path: path.stat().st_mtime_ns for path in kept}
-    (tmp_path / "train" / ".code__can_001-0-0.npz.77").write_bytes(b"half")
-    generate(tmp_path, "--made-in-code", str(OBJECTS), "--workers", "1")
-    assert {path: path.stat().st_mtime_ns for path in kept} == made
-    assert {name: value for name, value in arrays(tmp_path).items() if name in reference} == reference
+    if "Ray cannot be used" in said:
+        pytest.skip(f"Ray does not start on this machine: {said[-300:]}")
+    assert process.returncode == 0, said
+    assert arrays(tmp_path) == by_two[1]
 
 
-@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed: pip install 'pretouch[ray]'")
-def test_a_ray_cluster_of_two_workers_makes_the_same_files(reference: dict[str, bytes], tmp_path: Path) -> None:
-    options = ("--made-in-code", str(OBJECTS), "--workers", "2", "--engine-cluster", "ray")
-    try:
-        done = subprocess.run(
-            command("generate", "--out", str(tmp_path), *TINY, *options), capture_output=True, text=True, timeout=200
-        )
-    except subprocess.TimeoutExpired:
-        pytest.skip("Ray does not start on this machine within 200 s.")
-    if "Ray cannot be used" in done.stderr:
-        pytest.skip(f"Ray does not start on this machine: {done.stderr[-300:]}")
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert arrays(tmp_path) == reference
+def test_without_ray_the_command_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    said = generate(tmp_path, "--made-in-code", "1", "--engine-cluster", "ray").exception
+    assert isinstance(said, Unavailable)
+    assert said.remedy == "Run: pip install 'pretouch[ray]'"
 
 
-def test_without_ray_the_command_says_what_to_install(tmp_path: Path) -> None:
-    (tmp_path / "site").mkdir()
-    (tmp_path / "site" / "ray.py").write_text("raise ImportError('absent')\n")
-    said = generate(
-        tmp_path / "out", "--made-in-code", "1", "--engine-cluster", "ray",
-        expected=2, environment={"PYTHONPATH": str(tmp_path / "site")},
-    )  # fmt: skip
-    assert "Ray is not installed." in said
-    assert "pip install 'pretouch[ray]'" in said
-
-
-def test_views_that_cannot_be_labelled_are_listed_and_do_not_stop_the_run(tmp_path: Path) -> None:
-    meshes = tmp_path / "meshes"
-    meshes.mkdir()
-    (meshes / "broken.ply").write_text("ply\n")
-    out = tmp_path / "out"
-    said = generate(out, "--meshes", str(meshes), "--made-in-code", "1", "--workers", "1")
-    assert "broken-0-0: broken.ply holds no triangles. Export it as a triangle mesh." in said
-    assert "1 of 2 views are labelled" in said
-    said = generate(out, "--meshes", str(meshes), "--workers", "1", expected=1)
-    assert "0 of 1 views are labelled" in said
-    said = generate(out, "--made-in-code", "1", "--seed", "1", expected=2)
-    assert "made with another recipe" in said
+def test_a_folder_of_another_recipe_is_left_alone(tmp_path: Path) -> None:
+    Dataset.create(tmp_path, {"recipe": {"kind": "scans", "seed": 3}})
+    said = generate(tmp_path, "--made-in-code", "1").exception
+    assert isinstance(said, Conflict)
+    assert "another recipe" in said.detail
+    assert [path.name for path in tmp_path.iterdir()] == ["dataset.json"]
 
 
 def test_show_prints_a_table_and_draws_two_pictures_and_names_a_truncated_file(tmp_path: Path) -> None:
     dataset = Dataset.create(tmp_path / "labels", {"recipe": {"kind": "scans", "seed": 3}})
     for name in ("box-0-0", "can-0-0"):
         write(dataset.path("train", name), example(name))
-    shown = command("show", str(dataset.folder), "--out", str(tmp_path / "pictures"))
-    done = subprocess.run(shown, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert "unscannable" in done.stdout
+    arguments = ["show", str(dataset.folder), "--out", str(tmp_path / "pictures")]
+    done = CliRunner().invoke(labels, arguments)
+    assert done.exit_code == 0, done.output
+    assert "unscannable" in done.output
     assert sorted(path.name for path in (tmp_path / "pictures").iterdir()) == ["contact_sheet.png", "statistics.png"]
     path = dataset.path("train", "can-0-0")
     path.write_bytes(path.read_bytes()[:700])
-    done = subprocess.run(shown, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 2
-    assert "can-0-0.npz is damaged" in done.stderr
-    assert "Delete it" in done.stderr
-    assert "Traceback" not in done.stderr
+    said = CliRunner().invoke(labels, arguments).exception
+    assert isinstance(said, Malformed)
+    assert f"{path} is damaged" in said.detail
+    assert "Delete it" in said.remedy

@@ -13,9 +13,13 @@ from pretouch_simulation.objects import bottle, bowl, box, can, lathed, mug
 
 def procedural(number: int) -> tuple[str, Mesh]:
     """The object of that number, the same on every machine: its kind's name, and the mesh, m, z up, on z = 0."""
-    rng = np.random.default_rng(number)
-    kind = tuple(_KINDS)[number % len(_KINDS)]
-    return f"{kind}_{number:03d}", _KINDS[kind](rng).resting()
+    make = tuple(_KINDS.values())[number % len(_KINDS)]
+    return procedural_name(number), make(np.random.default_rng(number)).resting()
+
+
+def procedural_name(number: int) -> str:
+    """What the object of that number is called."""
+    return f"{tuple(_KINDS)[number % len(_KINDS)]}_{number:03d}"
 
 
 def _box(rng: np.random.Generator) -> Mesh:

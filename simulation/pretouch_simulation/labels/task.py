@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from pretouch.errors import InvalidInput
 from pretouch.scene import Scene
-from pretouch_simulation.labels.procedural import procedural
+from pretouch_simulation.labels.procedural import procedural, procedural_name
 from pretouch_simulation.labels.view import LabelView, view_of
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.protocol import Case, case_of, generator
@@ -63,7 +63,7 @@ class Task:
     @property
     def stem(self) -> str:
         """What the object is called."""
-        return self.source.stem if isinstance(self.source, Path) else f"code__{procedural(self.source)[0]}"
+        return self.source.stem if isinstance(self.source, Path) else f"code__{procedural_name(self.source)}"
 
     @property
     def name(self) -> str:
