@@ -43,6 +43,8 @@ $(VENV)/.demo: pyproject.toml | $(BIN)/python
 
 $(VENV)/.test: pyproject.toml | $(BIN)/python
 	$(PIP) install --quiet --progress-bar off -e '.[test]'
+	@# torch is large: where it cannot be had, the tests of the training are skipped
+	-$(PIP) install --quiet --progress-bar off -e '.[test,train]'
 	@touch $@
 
 $(VENV)/.bench: pyproject.toml | $(BIN)/python

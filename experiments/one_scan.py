@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_detector.proposals import propose
+from pretouch_detector.model import rcnn_network
+from pretouch_detector.model.weights import FOLDER
+from pretouch_detector.proposals import propose, two_stage
 from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Settings, register
@@ -35,6 +37,8 @@ from pretouch.tof import Scan
 
 CANDIDATES = "candidates"
 """The subject that is no proposer's: random rectangles among which the oracle chooses."""
+RCNN = "rcnn"
+"""The subject whose regions are those of the two-stage network, which no service proposes."""
 PAPER = "paper"
 _SESSION_REGIONS = 20
 """A session asks its detector for so many; the first of them count."""
@@ -65,7 +69,7 @@ class Job:
     Attributes:
         setup: "ideal" or "vl6180x", the finger on the displaced mesh and engine `posterior`; "paper", the paper's own
             setting, the source cut out of the moved cloud and engine `paper`.
-        subject: a proposer's name, or CANDIDATES.
+        subject: a proposer's name, CANDIDATES or RCNN.
         count: rectangles; a proposer may give fewer.
         offsets: hidden calibration errors.
     """
@@ -173,8 +177,11 @@ def _scored(job: Job) -> dict[str, Any]:
     view = seen(job.target, job.seed)
     finger = FingerModel.IDEAL if job.setup == PAPER else FingerModel(job.setup)
     foretold = job.subject == CANDIDATES and job.setup != PAPER
-    proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
-    regions = first_regions(view.scene, proposer, finger, job.count)
+    if job.subject == RCNN:
+        regions = two_stage.regions(rcnn_network.load(FOLDER, 1), view.scene, job.count)
+    else:
+        proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
+        regions = first_regions(view.scene, proposer, finger, job.count)
     rectangles = [region.rectangle for region in regions]
     errors, foreseen, pathless = _errors(view, rectangles, job, foretold)
     cloud, truths = view.scene.cloud, _truths(view, job)

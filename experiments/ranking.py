@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pretouch_detector.model.encoding import encode
 from pretouch_detector.proposals import deep
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.training.dataset import SIDES, Dataset, Example
@@ -67,7 +66,7 @@ def rankings() -> dict[str, Ranking]:
     }
     if not deep.not_ready():
         network = deep.WEIGHTS.network()
-        ready["deep"] = lambda example: network.errors(encode(example.scene), example.rectangles)
+        ready["deep"] = lambda example: deep.foretold(network, example.scene, Sensor(), example.rectangles)
     return ready
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from pretouch.geometry import Array
 from pretouch.scene import Scene
@@ -89,7 +88,13 @@ def _unspeckled(metres: NDArray[np.float32], window: tuple[NDArray[np.intp], ...
     step = int(2 * half / SIZE)
     if step < 2:
         return np.asarray(metres[window], dtype=np.float64)
-    return np.asarray(ndimage.median_filter(metres, size=step)[window], dtype=np.float64)
+    rows, columns = (np.ravel(axis) for axis in window)
+    padded = np.pad(metres, (step // 2, step - 1 - step // 2), mode="symmetric")
+    around = np.arange(step)
+    patches = padded[np.add.outer(rows, around)[:, None, :, None], np.add.outer(columns, around)[None, :, None, :]]
+    middle = step * step // 2
+    ordered = np.partition(patches.reshape(len(rows), len(columns), step * step), middle, axis=-1)
+    return ordered[..., middle].astype(np.float64)
 
 
 def _unit(vector: Array, otherwise: Array) -> Array:

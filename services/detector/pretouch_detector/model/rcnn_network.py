@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pretouch.geometry import Array
 from pretouch_detector.model.encoding import Encoding
 from pretouch_detector.model.rcnn_proposals import Allowed, Head, propose
+from pretouch_detector.model.weights import check_answers, check_description, session
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,3 +65,18 @@ class TwoStageNetwork:
             return score, deltas, logs
 
         return head
+
+
+def load(folder: Path, threads: int) -> TwoStageNetwork:
+    """Reads the network `rcnn` and asks it once.
+
+    Args:
+        threads: that one question may occupy.
+
+    Raises:
+        Unavailable: a file is missing or damaged, or of another version, or onnxruntime is not installed.
+    """
+    check_description(folder, "rcnn")
+    network = TwoStageNetwork(session(folder / "rcnn.onnx", threads), session(folder / "rcnn-head.onnx", threads))
+    check_answers("rcnn", network.errors)
+    return network

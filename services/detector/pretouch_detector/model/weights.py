@@ -8,6 +8,7 @@ A network is two files: `<design>.onnx`, and `<design>.json`, which says what th
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -64,26 +65,9 @@ def load(folder: Path, design: str, threads: int) -> Network:
     Raises:
         Unavailable: a file is missing or damaged, or of another version, or onnxruntime is not installed.
     """
-    about = _described(folder / f"{design}.json")
-    if about.get("format") != FORMAT:
-        raise Unavailable(
-            f"The weights {design} are of format {about.get('format')}; this version reads {FORMAT}.",
-            "Train anew, or use the version that wrote them.",
-        )
-    if (about.get("channels"), about.get("size")) != (list(CHANNELS), SIZE):
-        raise Unavailable(
-            f"The weights {design} read {about.get('channels')} at size {about.get('size')}; this version gives "
-            f"{list(CHANNELS)} at size {SIZE}.",
-            "Train anew, or use the version that wrote them.",
-        )
-    network = Network(_session(folder / f"{design}.onnx", threads))
-    nothing = Encoding(np.zeros((len(CHANNELS), SIZE, SIZE), np.float32), (0.0, 0.0), 1.0)
-    try:
-        answer = network.errors(nothing, [(0.0, 0.0, 1.0, 1.0, 0.0)] * 3, [0.01] * 3)
-    except Exception as error:  # onnxruntime raises many kinds
-        raise Unavailable(f"The weights {design} hold another network: {_first_line(error)}", _REMEDY) from error
-    if answer.shape != (3,) or not np.isfinite(answer).all():
-        raise Unavailable(f"The weights {design} answer {answer}, not three errors.", _REMEDY)
+    check_description(folder, design)
+    network = Network(session(folder / f"{design}.onnx", threads))
+    check_answers(design, lambda nothing, three: network.errors(nothing, three, [0.01] * 3))
     return network
 
 
@@ -112,6 +96,41 @@ class Weights:
         return self._outcome
 
 
+def check_description(folder: Path, design: str) -> None:
+    """Sees to it that `<design>.json` tells of a network that this version can ask.
+
+    Raises:
+        Unavailable: it is missing, damaged, or of another version.
+    """
+    about = _described(folder / f"{design}.json")
+    if about.get("format") != FORMAT:
+        raise Unavailable(
+            f"The weights {design} are of format {about.get('format')}; this version reads {FORMAT}.",
+            "Train anew, or use the version that wrote them.",
+        )
+    if (about.get("channels"), about.get("size")) != (list(CHANNELS), SIZE):
+        raise Unavailable(
+            f"The weights {design} read {about.get('channels')} at size {about.get('size')}; this version gives "
+            f"{list(CHANNELS)} at size {SIZE}.",
+            "Train anew, or use the version that wrote them.",
+        )
+
+
+def check_answers(design: str, errors: Callable[[Encoding, ArrayLike], Array]) -> None:
+    """Asks for three errors on an empty image.
+
+    Raises:
+        Unavailable: that is not what comes.
+    """
+    nothing = Encoding(np.zeros((len(CHANNELS), SIZE, SIZE), np.float32), (0.0, 0.0), 1.0)
+    try:
+        answer = errors(nothing, [(0.0, 0.0, 1.0, 1.0, 0.0)] * 3)
+    except Exception as error:  # onnxruntime raises many kinds
+        raise Unavailable(f"The weights {design} hold another network: {_first_line(error)}", _REMEDY) from error
+    if answer.shape != (3,) or not np.isfinite(answer).all():
+        raise Unavailable(f"The weights {design} answer {answer}, not three errors.", _REMEDY)
+
+
 def _described(path: Path) -> dict[str, Any]:
     try:
         about = json.loads(path.read_text())
@@ -124,7 +143,12 @@ def _described(path: Path) -> dict[str, Any]:
     return about
 
 
-def _session(path: Path, threads: int) -> Any:
+def session(path: Path, threads: int) -> Any:
+    """An onnxruntime session of the graph.
+
+    Raises:
+        Unavailable: it is missing or damaged, or onnxruntime is not installed.
+    """
     try:
         import onnxruntime
     except ImportError as error:
