@@ -43,8 +43,8 @@ $(VENV)/.demo: pyproject.toml | $(BIN)/python
 
 $(VENV)/.test: pyproject.toml | $(BIN)/python
 	$(PIP) install --quiet --progress-bar off -e '.[test]'
-	@# torch is large: where it cannot be had, the tests of the training are skipped
-	-$(PIP) install --quiet --progress-bar off -e '.[test,train]'
+	@# torch and Ray are large: where they cannot be had, the tests that need them are skipped
+	-$(PIP) install --quiet --progress-bar off -e '.[test,train,ray]'
 	@touch $@
 
 $(VENV)/.bench: pyproject.toml | $(BIN)/python
