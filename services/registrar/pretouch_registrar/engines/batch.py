@@ -27,10 +27,13 @@ from pretouch.geometry import Array, frozen_array, rotations_from_vectors
 from pretouch_registrar.engines import icp, pcl
 from pretouch_registrar.engines import map as most_probable
 from pretouch_registrar.engines.neighbours import Index, index_of
+from pretouch_registrar.engines.perimeter import among_blocks, around_perimeter, blocks, in_tiles
 from pretouch_registrar.engines.turns import rotation_of
 
 _CHUNK = 8
 """Rectangles that a thread takes at a time."""
+_PILOT = 16
+"""Rectangles that are scored whole before any is given up."""
 _PLANE_NOISE = 0.0025
 """m: of a distance along a normal, when matching is MAP: the sensor's and the surface's."""
 
@@ -110,8 +113,8 @@ def scores(
     Raises:
         Malformed, InvalidInput: shapes or numbers that make no sense.
     """
-    result: Array = _run(view, rectangles, offsets, trials, threads, first, False)
-    return result
+    work = _Work(view, rectangles, offsets, trials, threads, first)
+    return work.scored(np.arange(len(work.boxes)), np.arange(len(work.moves)))
 
 
 def best(
@@ -119,83 +122,95 @@ def best(
 ) -> tuple[int, float]:
     """The rectangle whose worst trial scores least, and that score, m: the same as by `scores`, in less time.
 
-    A rectangle is given up as soon as one of its trials scores worse than the worst of another.
+    A few rectangles are scored whole; they tell which trials are the hard ones. The others are scored in the hardest,
+    and, the least first, in the next hardest and so on until a trial scores worse than the worst of another rectangle.
     """
-    worst = _run(view, rectangles, offsets, trials, threads, 0, True).max(axis=1)
+    work = _Work(view, rectangles, offsets, trials, threads, 0)
+    number = len(work.boxes)
+    worst = np.full(number, np.inf)
+    pilot = np.unique(np.linspace(0, number - 1, _PILOT).astype(np.int64))
+    known = work.scored(pilot, np.arange(len(work.moves)))
+    worst[pilot] = known.max(axis=1)
+    hardest = np.argsort(-known.mean(axis=0), kind="stable")
+    bound = np.array([worst.min()])
+    others = np.setdiff1d(np.arange(number), pilot)
+    first = work.scored(others, hardest[:1])[:, 0]
+    hopeful = np.argsort(first, kind="stable")[: int((first <= bound[0]).sum())]
+    rest = work.scored(others[hopeful], hardest[1:], first[hopeful], bound)
+    worst[others[hopeful]] = np.maximum(first[hopeful], rest.max(axis=1, initial=0.0))
     winner = int(np.argmin(worst))
     return winner, float(worst[winner])
 
 
-def _run(
-    view: View, rectangles: ArrayLike, offsets: ArrayLike, trials: Trials, threads: int | None, first: int, pruned: bool
-) -> Array:
-    boxes = np.ascontiguousarray(frozen_array(rectangles, (None, 5), "rectangles"))
-    moves = np.ascontiguousarray(frozen_array(offsets, (None, 6), "offsets"))
-    if not len(boxes) or not len(moves):
-        raise InvalidInput("There is no rectangle or no offset.", "Give at least one of each.")
-    if trials.matching is Matching.MAP and view.normals is None:
-        raise InvalidInput(
-            "Matching by MAP needs the view's normals.", "Give View.normals, or choose another matching."
-        )
-    points = np.ascontiguousarray(view.cloud[view.mask], dtype=np.float64)
-    given = view.normals[view.mask] if view.normals is not None else np.zeros_like(points)
-    centre = points.mean(axis=0)
-    turns = np.ascontiguousarray(rotations_from_vectors(moves[:, :3]))
-    moved = np.einsum("tij,nj->tni", turns, points - centre) + centre + moves[:, None, 3:]
-    seen = view.camera.project(points).astype(np.float32)
-    moved_seen = np.ascontiguousarray(view.camera.project(moved), dtype=np.float32)
-    prior = np.array([trials.prior.rotation_std**-2.0] * 3 + [trials.prior.translation_std**-2.0] * 3)
-    bound = np.array([np.inf])
-    result = np.empty((len(boxes), len(moves)))
+class _Work:
+    """What all rectangles and trials of one view have in common."""
 
-    def part(start: int) -> None:
-        rows = slice(start, start + _CHUNK)
-        _score(
-            boxes[rows], points, np.ascontiguousarray(given, dtype=np.float64), seen, moved, moved_seen, turns, moves,
-            centre, prior, int(trials.matching), trials.noise, trials.on, trials.near,
-            trials.seed + (first + start) * len(moves), pruned, bound, result[rows],
-        )  # fmt: skip
+    def __init__(
+        self, view: View, rectangles: ArrayLike, offsets: ArrayLike, trials: Trials, threads: int | None, first: int
+    ) -> None:
+        self.boxes = np.ascontiguousarray(frozen_array(rectangles, (None, 5), "rectangles"))
+        self.moves = np.ascontiguousarray(frozen_array(offsets, (None, 6), "offsets"))
+        if not len(self.boxes) or not len(self.moves):
+            raise InvalidInput("There is no rectangle or no offset.", "Give at least one of each.")
+        if trials.matching is Matching.MAP and view.normals is None:
+            raise InvalidInput(
+                "Matching by MAP needs the view's normals.", "Give View.normals, or choose another matching."
+            )
+        self._trials, self._threads, self._first = trials, threads or os.cpu_count() or 1, first
+        points = np.ascontiguousarray(view.cloud[view.mask], dtype=np.float64)
+        normals = view.normals[view.mask] if view.normals is not None else np.zeros_like(points)
+        centre = points.mean(axis=0)
+        turns = np.ascontiguousarray(rotations_from_vectors(self.moves[:, :3]))
+        moved = np.einsum("tij,nj->tni", turns, points - centre) + centre + self.moves[:, None, 3:]
+        seen = view.camera.project(points).astype(np.float32)
+        moved_seen = view.camera.project(moved).astype(np.float32)
+        prior = np.array([trials.prior.rotation_std**-2.0] * 3 + [trials.prior.translation_std**-2.0] * 3)
+        tiles = in_tiles(seen)
+        self._points = points, np.ascontiguousarray(normals, dtype=np.float64), seen
+        self._moved = moved, tiles, np.ascontiguousarray(moved_seen[:, tiles]), blocks(moved_seen[:, tiles])
+        self._motion = turns, self.moves, centre, prior
 
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        list(pool.map(part, range(0, len(boxes), _CHUNK)))
-    return result
+    def scored(
+        self, rows: NDArray[np.int64], columns: NDArray[np.int64], so_far: Array | None = None,
+        bound: Array | None = None,
+    ) -> Array:  # fmt: skip
+        """Scores (r, t), m, of the rectangles `rows` (r,) in the trials `columns` (t,).
 
+        With `bound` (1,), m: inf from the trial on in which a rectangle, at `so_far` (r,) to begin with, exceeds it; it
+        is lowered to the worst of each that does not.
+        """
+        result = np.empty((len(rows), len(columns)))
+        before = np.zeros(len(rows)) if so_far is None else so_far
+        limit = np.array([np.inf]) if bound is None else bound
+        trials = self._trials
 
-@njit(cache=True, nogil=True)
-def _from_perimeter(u: float, v: float, box: Array, cosine: float, sine: float) -> float:
-    """px: distance of a pixel from the perimeter of `box` (5,)."""
-    du, dv = u - box[0], v - box[1]
-    a = abs(cosine * du + sine * dv) - 0.5 * box[2]
-    b = abs(-sine * du + cosine * dv) - 0.5 * box[3]
-    if a <= 0 and b <= 0:
-        return min(-a, -b)
-    a, b = max(a, 0.0), max(b, 0.0)
-    return np.sqrt(a * a + b * b)
+        def part(start: int) -> None:
+            chunk = slice(start, start + _CHUNK)
+            _score(
+                self.boxes[rows[chunk]], *self._points, *self._moved, *self._motion, int(trials.matching),
+                trials.noise, trials.on, trials.near, trials.seed, self._first + rows[chunk], columns, before[chunk],
+                bound is not None, limit, result[chunk],
+            )  # fmt: skip
 
-
-@njit(cache=True, nogil=True)
-def _around_perimeter(seen: NDArray[np.float32], box: Array, width: float) -> NDArray[np.int64]:
-    """Which pixels seen (n, 2) lie within `width`, px, of the perimeter of `box` (5,)."""
-    cosine, sine = np.cos(box[4]), np.sin(box[4])
-    found = np.empty(seen.shape[0], np.int64)
-    count = 0
-    for i in range(seen.shape[0]):
-        if _from_perimeter(seen[i, 0], seen[i, 1], box, cosine, sine) <= width:
-            found[count] = i
-            count += 1
-    return found[:count]
+        with ThreadPoolExecutor(self._threads) as pool:
+            list(pool.map(part, range(0, len(rows), _CHUNK)))
+        return result
 
 
 @njit(cache=True, nogil=True)
 def _score(
-    boxes: Array, points: Array, normals: Array, seen: NDArray[np.float32], moved: Array,
-    moved_seen: NDArray[np.float32], turns: Array, moves: Array, centre: Array, prior: Array, matching: int,
-    noise: float, on: float, near: float, seed: int, pruned: bool, bound: Array, result: Array,
+    boxes: Array, points: Array, normals: Array, seen: NDArray[np.float32], moved: Array, tiles: NDArray[np.int64],
+    moved_seen: NDArray[np.float32], moved_blocks: Array, turns: Array, moves: Array, centre: Array, prior: Array,
+    matching: int, noise: float, on: float, near: float, seed: int, numbers: NDArray[np.int64],
+    columns: NDArray[np.int64], so_far: Array, pruned: bool, bound: Array, result: Array,
 ) -> None:  # fmt: skip
-    """Fills `result` (r, t), m; if `pruned`, inf from the trial on that exceeds `bound` (1,), which it lowers."""
+    """Fills `result` (r, t), m, for `boxes` (r, 5), of these `numbers` (r,), in the trials `columns` (t,)."""
     r, t = np.eye(3), np.zeros(3)
     for b in range(boxes.shape[0]):
-        near_by = _around_perimeter(seen, boxes[b], near)
+        if pruned and so_far[b] > bound[0]:
+            result[b] = np.inf
+            continue
+        near_by = around_perimeter(seen, boxes[b], near)
         target = points[near_by]
         if matching == 2:
             for i in range(target.shape[0]):
@@ -204,11 +219,12 @@ def _score(
         matchable = target.shape[0] >= icp.MIN_PAIRS
         index = index_of(target if matchable else centre.reshape(1, 3))
         surface = normals[near_by][index.order] if matchable else normals[:1]
-        worst = 0.0
-        for j in range(moves.shape[0]):
-            met = _around_perimeter(moved_seen[j], boxes[b], on)
+        worst = so_far[b]
+        for c in range(columns.shape[0]):
+            j = columns[c]
+            met = among_blocks(moved_seen[j], moved_blocks[j], tiles, boxes[b], on)
             source = moved[j][met]
-            np.random.seed((seed + b * moves.shape[0] + j) % 4294967296)
+            np.random.seed((seed + numbers[b] * moves.shape[0] + j) % 4294967296)
             for i in range(source.shape[0]):
                 for k in range(3):
                     source[i, k] += noise * np.random.standard_normal()
@@ -216,10 +232,10 @@ def _score(
             if matchable and source.shape[0] >= icp.MIN_PAIRS:
                 _match(source, index, surface, centre, prior, matching, r, t)
             judged = source if source.shape[0] > 0 else moved[j]
-            result[b, j] = _mean_error(judged, r, t, turns[j], centre, moves[j])
-            worst = max(worst, result[b, j])
+            result[b, c] = _mean_error(judged, r, t, turns[j], centre, moves[j])
+            worst = max(worst, result[b, c])
             if pruned and worst > bound[0]:
-                result[b, j:] = np.inf
+                result[b, c:] = np.inf
                 break
         if pruned and worst < bound[0]:
             bound[0] = worst

@@ -38,7 +38,8 @@ def align(source: Array, index: Index, trimmed: bool, r: Array, t: Array) -> int
     n = source.shape[0]
     pairs = no_pairs(n)
     moved = source.copy()
-    kept = np.empty(n, np.bool_)
+    kept, kept_before = np.empty(n, np.bool_), np.zeros(n, np.bool_)
+    neighbour_before = np.full(n, -1, np.int32)
     order = np.arange(n)
     weight = np.empty(n)
     for k in range(n):
@@ -61,6 +62,8 @@ def align(source: Array, index: Index, trimmed: bool, r: Array, t: Array) -> int
             count, least = _least_frmsd(order, pairs.distance, weight, paired)
             for k in range(count, paired):
                 kept[order[k]] = False
+        if _same(pairs.neighbour, neighbour_before, kept, kept_before):
+            break
         fit(moved, index.points, pairs.neighbour, kept, turn, shift)
         compose(turn, shift, r, t)
         move(r, t, source, moved)
@@ -71,6 +74,20 @@ def align(source: Array, index: Index, trimmed: bool, r: Array, t: Array) -> int
         elif _largest_step(turn, shift, moved) < _STILL:
             break
     return count
+
+
+@njit(cache=True, nogil=True)
+def _same(
+    neighbour: NDArray[np.int32], neighbour_before: NDArray[np.int32], kept: NDArray[np.bool_],
+    kept_before: NDArray[np.bool_],
+) -> bool:  # fmt: skip
+    """Whether all kept pairs are those of the round before, so that nothing would move any more; notes them if not."""
+    same = True
+    for i in range(kept.shape[0]):
+        if kept[i] != kept_before[i] or (kept[i] and neighbour[i] != neighbour_before[i]):
+            same = False
+            neighbour_before[i], kept_before[i] = neighbour[i], kept[i]
+    return same
 
 
 @njit(cache=True, nogil=True)

@@ -1,0 +1,77 @@
+"""Which of many pixels lie on a rectangle's perimeter."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pretouch.geometry import Array
+
+_TILE = 8
+"""px: side of the squares by which pixels are put in order."""
+_BLOCK = 32
+"""Pixels, one after the other in that order, that are ruled out together."""
+_ROUNDING = 0.01
+"""px: more than what single precision takes away."""
+
+
+def in_tiles(seen: NDArray[np.float32]) -> NDArray[np.int64]:
+    """An order (n,) of pixels (n, 2) in which near ones follow each other."""
+    cells = np.floor(seen / _TILE)
+    return np.lexsort((cells[:, 0], cells[:, 1]))
+
+
+def blocks(seen: NDArray[np.float32]) -> Array:
+    """(t, b, 3): a circle [u, v, radius], px, around each _BLOCK of pixels seen (t, n, 2)."""
+    circles = []
+    for start in range(0, seen.shape[1], _BLOCK):
+        block = seen[:, start : start + _BLOCK].astype(np.float64)
+        middle = 0.5 * (block.min(axis=1) + block.max(axis=1))
+        radius = np.linalg.norm(block - middle[:, None], axis=2).max(axis=1)
+        circles.append(np.column_stack([middle, radius + _ROUNDING]))
+    return np.ascontiguousarray(np.stack(circles, axis=1))
+
+
+@njit(cache=True, nogil=True)
+def _from_perimeter(u: float, v: float, box: Array, cosine: float, sine: float) -> float:
+    """px: distance of a pixel from the perimeter of `box` (5,)."""
+    du, dv = u - box[0], v - box[1]
+    a = abs(cosine * du + sine * dv) - 0.5 * box[2]
+    b = abs(-sine * du + cosine * dv) - 0.5 * box[3]
+    if a <= 0 and b <= 0:
+        return min(-a, -b)
+    a, b = max(a, 0.0), max(b, 0.0)
+    return np.sqrt(a * a + b * b)
+
+
+@njit(cache=True, nogil=True)
+def around_perimeter(seen: NDArray[np.float32], box: Array, width: float) -> NDArray[np.int64]:
+    """Which pixels seen (n, 2) lie within `width`, px, of the perimeter of `box` (5,)."""
+    cosine, sine = np.cos(box[4]), np.sin(box[4])
+    found = np.empty(seen.shape[0], np.int64)
+    count = 0
+    for i in range(seen.shape[0]):
+        if _from_perimeter(seen[i, 0], seen[i, 1], box, cosine, sine) <= width:
+            found[count] = i
+            count += 1
+    return found[:count]
+
+
+@njit(cache=True, nogil=True)
+def among_blocks(
+    seen: NDArray[np.float32], circles: Array, order: NDArray[np.int64], box: Array, width: float
+) -> NDArray[np.int64]:
+    """As `around_perimeter`, of pixels (n, 2) that are given in `order` (n,), with the `circles` (b, 3) of `blocks`."""
+    cosine, sine = np.cos(box[4]), np.sin(box[4])
+    n = seen.shape[0]
+    found = np.empty(n, np.int64)
+    count = 0
+    for b in range(circles.shape[0]):
+        if _from_perimeter(circles[b, 0], circles[b, 1], box, cosine, sine) > width + circles[b, 2]:
+            continue
+        for i in range(b * _BLOCK, min((b + 1) * _BLOCK, n)):
+            if _from_perimeter(seen[i, 0], seen[i, 1], box, cosine, sine) <= width:
+                found[count] = order[i]
+                count += 1
+    return np.sort(found[:count])
