@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -50,16 +50,18 @@ def make(
     """
     wanted = missing(tasks, dataset)
     failed: dict[str, Outcome] = {}
-    for outcome in _outcomes([(task, recipe, dataset.folder) for task in wanted], recipe, workers, cluster):
-        if outcome.problem:
-            failed[outcome.name] = outcome
-        done(outcome)
+    calls = [(task, recipe, dataset.folder) for task in wanted]
+    with closing(_outcomes(calls, recipe, workers, cluster)) as outcomes:  # ended, it waits for views that were begun
+        for outcome in outcomes:
+            if outcome.problem:
+                failed[outcome.name] = outcome
+            done(outcome)
     return [failed[task.name] for task in wanted if task.name in failed]
 
 
 def _outcomes(
     calls: Sequence[tuple[Any, ...]], recipe: Recipe, workers: int, cluster: Cluster | None
-) -> Iterator[Outcome]:
+) -> Generator[Outcome, None, None]:
     if cluster is Cluster.RAY:
         yield from on_ray(labelled, calls, workers)
         return
