@@ -1,9 +1,12 @@
 """Proposed regions keep the paper's rules, repeat by seed, and differ from each other."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
-from pretouch_detector.proposals import propose, readiness
+from pretouch_detector.model.weights import Weights
+from pretouch_detector.proposals import deep, propose, readiness
 from pretouch_detector.proposals.random import AREA, MIN_OVERLAP
 from scenes import Box, World
 
@@ -54,7 +57,10 @@ def test_left_out_the_best_ready_proposer_is_taken_and_named(scene: Scene) -> No
     assert propose(scene, None, Sensor(), 3, 0).proposer is READY[0]
 
 
-def test_a_proposer_that_is_not_ready_is_refused_with_those_that_are(scene: Scene) -> None:
+def test_a_proposer_that_is_not_ready_is_refused_with_those_that_are(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(deep, "WEIGHTS", Weights(tmp_path, "scorer"))
     with pytest.raises(Unavailable) as raised:
         propose(scene, Proposer.DEEP, Sensor(), 3, 0)
     assert {"random", "narf"} <= set(raised.value.remedy.rstrip(".").removeprefix("Choose one of ").split(", "))

@@ -15,6 +15,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -166,9 +167,14 @@ class _Work:
         moved_seen = view.camera.project(moved).astype(np.float32)
         prior = np.array([trials.prior.rotation_std**-2.0] * 3 + [trials.prior.translation_std**-2.0] * 3)
         tiles = in_tiles(seen)
-        self._points = points, np.ascontiguousarray(normals, dtype=np.float64), seen
-        self._moved = moved, tiles, np.ascontiguousarray(moved_seen[:, tiles]), blocks(moved_seen[:, tiles])
-        self._motion = turns, self.moves, centre, prior
+        self._points: tuple[Any, ...] = points, np.ascontiguousarray(normals, dtype=np.float64), seen
+        self._moved: tuple[Any, ...] = (
+            moved,
+            tiles,
+            np.ascontiguousarray(moved_seen[:, tiles]),
+            blocks(moved_seen[:, tiles]),
+        )
+        self._motion: tuple[Any, ...] = turns, self.moves, centre, prior
 
     def scored(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64], so_far: Array | None = None,
