@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from pretouch_detector.model import rcnn_network
 from pretouch_detector.model.encoding import CHANNELS, SIZE, Encoding
+from pretouch_detector.model.rcnn import RotatedRCNN
 from pretouch_detector.model.scorer import OUTPUTS, Scorer, perimeter
-from pretouch_detector.model.weights import load
+from pretouch_detector.model.weights import FOLDER, load
 from pretouch_detector.training.export import Served, export_scorer, restore
 from pretouch_detector.training.scorer_loss import scorer_loss
 from pretouch_detector.training.targets import Targets
@@ -125,6 +127,26 @@ def served_equals_torch(folder: Path) -> None:
             np.testing.assert_allclose(answered, np.exp(told[:, 0]), rtol=1e-4)
     assert told.shape == (12, 2)
     assert len(OUTPUTS) == 4
+
+
+def shipped(folder: Path) -> None:
+    """The weights that are shipped: both files of each network are the same network."""
+    network = load(FOLDER, "scorer", 1)
+    scorer = Scorer()
+    restore(scorer, FOLDER / "scorer.safetensors")
+    two_stage = rcnn_network.load(FOLDER, 1)
+    rcnn = RotatedRCNN()
+    restore(rcnn, FOLDER / "rcnn.safetensors")
+    for view in made_views(3, 11):
+        encoding = Encoding(view.image, (0.0, 0.0), 1.0)
+        image, rectangles, analytic = (
+            torch.tensor(each)[None] for each in (view.image, view.rectangles, view.analytic)
+        )
+        with torch.no_grad():
+            by_scorer = scorer.eval()(image, rectangles, analytic)[0, :, 0].exp().numpy()
+            by_rcnn = rcnn.eval()(image, rectangles)[0, :, 0].exp().numpy()
+        np.testing.assert_allclose(network.errors(encoding, view.rectangles, view.analytic), by_scorer, rtol=1e-4)
+        np.testing.assert_allclose(two_stage.errors(encoding, view.rectangles), by_rcnn, rtol=1e-4)
 
 
 def refuses(folder: Path) -> None:

@@ -79,6 +79,15 @@ def test_weights_that_fit_make_deep_the_best(tmp_path: Path, monkeypatch: pytest
     assert propose(SCENE, None, Sensor(), 3, 0).proposer is Proposer.DEEP
 
 
+def test_the_weights_that_are_shipped_make_deep_the_best_and_know_a_bad_region_from_a_good_one() -> None:
+    assert readiness()[0] == (Proposer.DEEP, "")
+    u0, v0, u1, v1 = SCENE.bounds()
+    across = (0.5 * (u0 + u1), 0.5 * (v0 + v1), 0.7 * (u1 - u0), 0.7 * (v1 - v0), 0.3)
+    corner = (u0, v0, 0.2 * (u1 - u0), 0.2 * (v1 - v0), 0.0)
+    good, bad = deep.foretold(deep.WEIGHTS.network(), SCENE, Sensor(), np.array([across, corner]))
+    assert 0.0005 < good < bad < 0.03
+
+
 def test_the_network_is_read_once(tmp_path: Path) -> None:
     folder = made_network.write(tmp_path / "weights")
     weights = Weights(folder, "scorer")
