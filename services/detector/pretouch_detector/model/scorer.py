@@ -32,13 +32,13 @@ _SHARP = 4.0
 
 
 class _Along(nn.Module):
-    """Each point with two neighbours on either side, once round."""
+    """Each point with two neighbours on either side, once round: (b, c, r, p) to the same."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.body = nn.Sequential(
-            nn.Conv1d(channels, channels, 5, padding=2, padding_mode="circular", groups=channels),
-            nn.Conv1d(channels, channels, 1),
+            nn.Conv2d(channels, channels, (1, 5), padding=(0, 2), padding_mode="circular", groups=channels),
+            nn.Conv2d(channels, channels, 1),
             nn.SiLU(),
         )
 
@@ -56,9 +56,9 @@ class Scorer(nn.Module):
     def __init__(self, features: int = 48, width: int = 32, hidden: int = 64) -> None:
         super().__init__()
         self.backbone = Backbone(features, width)
-        self.point = nn.Sequential(nn.Conv1d(features + len(CHANNELS) + 6, hidden, 1), nn.SiLU())
+        self.point = nn.Sequential(nn.Conv2d(features + len(CHANNELS) + 6, hidden, 1), nn.SiLU())
         self.along = nn.ModuleList([_Along(hidden), _Along(hidden)])
-        self.directions = nn.Conv1d(hidden, 3 * _DIRECTIONS, 1)
+        self.directions = nn.Conv2d(hidden, 3 * _DIRECTIONS, 1)
         self.whole = nn.Sequential(nn.Linear(features, hidden), nn.SiLU())
         self.head = nn.Sequential(
             nn.Linear(3 * hidden + 8 + 3, 2 * hidden), nn.SiLU(), nn.Dropout(0.1),
@@ -79,11 +79,10 @@ class Scorer(nn.Module):
         points, tangent = perimeter(rectangles, self.steps)
         seen = _sampled(image, points)  # (b, c, r, p)
         local = torch.cat([points - rectangles[..., None, :2], tangent, points], dim=-1).permute(0, 3, 1, 2)
-        x = torch.cat([_sampled(features, points), seen, local], dim=1).transpose(1, 2).reshape(b * r, -1, POINTS)
-        x = self.point(x)
+        x = self.point(torch.cat([_sampled(features, points), seen, local], dim=1))  # (b, hidden, r, p)
         for layer in self.along:
             x = layer(x)
-        directions = _SHARP * self.directions(x).reshape(b, r, _DIRECTIONS, 3, POINTS).transpose(3, 4)
+        directions = _SHARP * self.directions(x).reshape(b, _DIRECTIONS, 3, r, POINTS).permute(0, 3, 1, 4, 2)
         middle, radius = object_of(image)
         arms = seen[:, :3].permute(0, 2, 3, 1) - middle[:, None, None]
         left = remaining(arms[:, :, None], directions)  # (b, r, 6)
@@ -93,7 +92,7 @@ class Scorer(nn.Module):
         whole = self.whole(features.mean(dim=(2, 3)))[:, None].expand(b, r, -1)
         size = image[:, -1, 0, 0][:, None, None].expand(b, r, 1)
         told = [torch.log(left), logs - math.log(_USUAL), torch.log(rectangles[..., 2:4]), size, whole]
-        pooled = torch.cat([x.mean(dim=2).reshape(b, r, -1), x.amax(dim=2).reshape(b, r, -1), *told], dim=2)
+        pooled = torch.cat([x.mean(dim=3).transpose(1, 2), x.amax(dim=3).transpose(1, 2), *told], dim=2)
         out: Tensor = self.head(pooled) + logs[..., 1:] * self.of_error
         return out
 
