@@ -163,6 +163,7 @@ def draw(views: Sequence[Row], foretold: Sequence[Array], path: Path) -> None:
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import FixedLocator, NullLocator
 
     told = 100 * np.concatenate(foretold)
     got = 100 * np.concatenate([np.mean(row.errors, axis=1) for row in views])
@@ -178,6 +179,10 @@ def draw(views: Sequence[Row], foretold: Sequence[Array], path: Path) -> None:
     axis.set(
         xlabel="foretold by deep, cm", ylabel="achieved, cm", title=f"{len(views)} validation objects, n = {len(told)}"
     )
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_locator(FixedLocator([0.1, 0.2, 0.5, 1.0, 2.0, 5.0]))
+        side.set_major_formatter("{x:g}")
+        side.set_minor_locator(NullLocator())
     axis.legend(frameon=False)
     figure.savefig(path, dpi=100)
     plt.close(figure)
