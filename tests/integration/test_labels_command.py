@@ -19,6 +19,8 @@ from typer.testing import CliRunner
 from pretouch.errors import Conflict, Malformed, Unavailable
 
 OBJECTS = 3
+HANGS = 400
+"""s after which a process hangs; a busy machine that compiles kernels is slow."""
 TINY = ("--kind", "trials", "--rectangles", "6", "--trials", "2", "--poses", "1", "--views", "1")
 
 
@@ -53,6 +55,7 @@ def by_two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Result, d
     return said, arrays(out)
 
 
+@pytest.mark.timeout(3 * HANGS)
 def test_views_that_cannot_be_labelled_are_listed_and_do_not_stop_the_run(
     by_two: tuple[Result, dict[str, bytes]],
 ) -> None:
@@ -63,17 +66,18 @@ def test_views_that_cannot_be_labelled_are_listed_and_do_not_stop_the_run(
     assert len({name.split()[0] for name in made}) == OBJECTS
 
 
+@pytest.mark.timeout(3 * HANGS)
 def test_one_worker_ended_twice_makes_the_same_files_as_two(
     by_two: tuple[Result, dict[str, bytes]], tmp_path: Path
 ) -> None:
     def ended(end: signal.Signals, files: int) -> tuple[int, str]:
         with started(tmp_path, "--made-in-code", "5000", "--workers", "1") as process:
-            give_up = time.monotonic() + 120
+            give_up = time.monotonic() + HANGS
             while len(list(tmp_path.rglob("*.npz"))) < files and time.monotonic() < give_up:
                 time.sleep(0.01)
             process.send_signal(end)
             try:
-                return process.wait(120), process.communicate(timeout=120)[1]
+                return process.wait(HANGS), process.communicate(timeout=HANGS)[1]
             finally:
                 process.kill()
 
@@ -93,15 +97,16 @@ def test_one_worker_ended_twice_makes_the_same_files_as_two(
     assert {name: value for name, value in arrays(tmp_path).items() if name in by_two[1]} == by_two[1]
 
 
+@pytest.mark.timeout(3 * HANGS)
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="no Ray here: pip install 'pretouch[ray]'")
 def test_a_ray_cluster_of_two_workers_makes_the_same_files(
     by_two: tuple[Result, dict[str, bytes]], tmp_path: Path
 ) -> None:
     with started(tmp_path, "--made-in-code", str(OBJECTS), "--workers", "2", "--engine-cluster", "ray") as process:
         try:
-            _, said = process.communicate(timeout=200)
+            _, said = process.communicate(timeout=HANGS)
         except subprocess.TimeoutExpired:
-            pytest.skip("Ray does not start on this machine within 200 s.")
+            pytest.skip(f"Ray does not start on this machine within {HANGS} s.")
         finally:
             process.kill()
     if "Ray cannot be used" in said:
