@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pretouch.errors import InvalidInput
 from pretouch.tof import Sensor
-from pretouch_detector.model.encoding import Encoding, encode
+from pretouch_detector.model.encoding import encode
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.training.dataset import Dataset, Example
 
@@ -37,22 +37,19 @@ class Targets:
     errors: Floats
 
 
-def targets_of(example: Example, worst: bool, encoding: Encoding | None = None) -> Targets:
+def targets_of(example: Example, worst: bool) -> Targets:
     """Of one view.
 
     Args:
         worst: a rectangle is as good as its worst trial, as in the paper; else as its trials' mean.
     """
-    seen = encoding or encode(example.scene)
-    made = ~np.isnan(example.scores).all(axis=1)
-    achieved, expected = np.full((2, len(example.rectangles)), np.nan)
-    over = np.nanmax if worst else np.nanmean
-    achieved[made] = over(example.scores[made], axis=1)
+    encoding = encode(example.scene)
+    expected = np.full(len(example.rectangles), np.nan)
     told = ~np.isnan(example.expected).all(axis=1)
     expected[told] = np.nanmean(example.expected[told], axis=1)
-    errors = np.column_stack([achieved, expected, example.foreseen]).astype(np.float32)
+    errors = np.column_stack([example.achieved(worst), expected, example.foreseen]).astype(np.float32)
     analytic, _ = remaining_error(example.scene, Sensor(), example.rectangles)
-    return Targets(seen.image, seen.normalised(example.rectangles), analytic.astype(np.float32), errors)
+    return Targets(encoding.image, encoding.normalised(example.rectangles), analytic.astype(np.float32), errors)
 
 
 def load(folders: Sequence[Path], side: str) -> list[Targets]:
@@ -64,8 +61,7 @@ def load(folders: Sequence[Path], side: str) -> list[Targets]:
     found = []
     for folder in folders:
         dataset = Dataset(folder)
-        worst = dataset.description.get("recipe", {}).get("kind") == "trials"
-        found += [targets_of(example, worst) for example in dataset.examples(side)]
+        found += [targets_of(example, dataset.by_worst) for example in dataset.examples(side)]
     if not found:
         raise InvalidInput(
             f"There is no view on the side {side} of {', '.join(map(str, folders))}.", "Make more labels."

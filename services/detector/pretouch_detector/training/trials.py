@@ -14,7 +14,6 @@ from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.batch import Matching, Trials, View, best, scores
 
 from pretouch.geometry import Array, rotation_from_vector, vector_from_rotation
-from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch_detector.proposals.random import candidates
 
@@ -80,10 +79,3 @@ def view_of(scene: Scene, matching: Matching) -> View:
         return View(cloud, scene.mask, scene.camera)
     planes = camera_model.build(scene).pixels[..., :3].astype(np.float64)
     return View(cloud, scene.mask, scene.camera, scene.base_T_camera.inverse().rotate(planes))
-
-
-def winner(rectangles: Array, scored: Array) -> tuple[RotatedRectangle, float]:
-    """The rectangle whose worst trial is least, and that score, m."""
-    worst = np.where(np.isnan(scored).any(axis=1), np.inf, scored.max(axis=1))
-    k = int(np.argmin(worst))
-    return RotatedRectangle(*rectangles[k]), float(worst[k])
