@@ -192,11 +192,11 @@ class _Work:
 
         def part(start: int) -> None:
             chunk = slice(start, start + _CHUNK)
-            _score(
-                self.boxes[rows[chunk]], *self._points, *self._moved, *self._motion, int(trials.matching),
-                trials.noise, trials.on, trials.near, trials.seed, self._first + rows[chunk], columns, before[chunk],
-                bound is not None, limit, result[chunk],
-            )  # fmt: skip
+            views = *self._points, *self._moved, *self._motion
+            trial = int(trials.matching), trials.noise, trials.on, trials.near, trials.seed
+            which = self._first + rows[chunk], columns, before[chunk]
+            arguments: Any = (self.boxes[rows[chunk]], *views, *trial, *which, bound is not None, limit, result[chunk])
+            _score(*arguments)
 
         with ThreadPoolExecutor(self._threads) as pool:
             list(pool.map(part, range(0, len(rows), _CHUNK)))
