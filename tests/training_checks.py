@@ -20,6 +20,7 @@ from pretouch_detector.training.export import Served, export_scorer, restore
 from pretouch_detector.training.scorer_loss import scorer_loss
 from pretouch_detector.training.targets import Targets
 from pretouch_detector.training.trainer import Schedule, Trainer
+from torch import distributed
 
 from pretouch.errors import Conflict, Malformed, NotFound
 from pretouch.rectangle import RotatedRectangle
@@ -127,6 +128,19 @@ def served_equals_torch(folder: Path) -> None:
             np.testing.assert_allclose(answered, np.exp(told[:, 0]), rtol=1e-4)
     assert told.shape == (12, 2)
     assert len(OUTPUTS) == 4
+
+
+def shared(folder: Path) -> None:
+    """By torchrun: each process learns from its own views, and all come to the same weights."""
+    torch.manual_seed(0)
+    trainer = Trainer(Scorer(), scorer_loss, SCHEDULE, folder, CPU)
+    trainer.train(made_views(16), made_views(4, 1))
+    assert trainer.world == 2
+    mine = torch.cat([parameter.detach().flatten() for parameter in trainer.model.parameters()])
+    all_of_them = [torch.empty_like(mine) for _ in range(trainer.world)]
+    distributed.all_gather(all_of_them, mine)
+    torch.testing.assert_close(all_of_them[0], all_of_them[1], rtol=0, atol=0)
+    distributed.destroy_process_group()
 
 
 def shipped(folder: Path) -> None:

@@ -15,3 +15,10 @@ CHECKS = Path(__file__).parents[1] / "training_checks.py"
 def test_training(check: str, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, CHECKS, check, tmp_path], capture_output=True, text=True, timeout=280)
     assert done.returncode == 0, done.stderr
+
+
+def test_two_processes_learn_together(tmp_path: Path) -> None:
+    run = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", CHECKS]
+    done = subprocess.run([*run, "shared", tmp_path], capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "log.json").exists()
