@@ -19,16 +19,19 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pretouch_detector.model.encoding import Encoding
 from pretouch_detector.model.weights import FOLDER, Network, Weights
 from pretouch_detector.proposals import deep, narf, propose, readiness
 
 from benchmarks.narf import views
 from pretouch.errors import Unavailable
+from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Sensor
@@ -40,21 +43,20 @@ Floats = np.ndarray[Any, np.dtype[np.floating[Any]]]
 Question = dict[str, Floats]
 
 
-class Recorder:
+@dataclass(frozen=True, eq=False)
+class Recorder(Network):
     """A network that remembers what it was asked.
 
     Attributes:
         asked: the graph's inputs of each question.
     """
 
-    def __init__(self, network: Network) -> None:
-        self._network = network
-        self.asked: list[Question] = []
+    asked: list[Question] = field(default_factory=list)
 
-    def errors(self, encoding: Encoding, rectangles: Floats, analytic: Floats) -> Floats:
-        inputs = (encoding.image[None], encoding.normalised(rectangles), analytic.astype(np.float32))
+    def errors(self, encoding: Encoding, rectangles: ArrayLike, analytic: ArrayLike) -> Array:
+        inputs = (encoding.image[None], encoding.normalised(rectangles), np.asarray(analytic, dtype=np.float32))
         self.asked.append(dict(zip(INPUTS, inputs, strict=True)))
-        return self._network.errors(encoding, rectangles, analytic)
+        return super().errors(encoding, rectangles, analytic)
 
 
 def proposing(scenes: Sequence[Scene], repeats: int) -> dict[str, list[float]]:
@@ -97,8 +99,8 @@ def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, A
     network = deep.WEIGHTS.network()
     questions: list[Question] = []
     for scene in scenes:
-        recorder = Recorder(network)
-        deep.regions(recorder, scene, Sensor(), REGIONS, np.random.default_rng(0))  # type: ignore[arg-type]
+        recorder = Recorder(network.session)
+        deep.regions(recorder, scene, Sensor(), REGIONS, np.random.default_rng(0))
         questions += recorder.asked
 
     def ask(question: Question) -> Floats:

@@ -20,7 +20,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from collecting import PROPOSERS, RESULTS, SHARED, ready
+from collecting import PROPOSERS, SHARED, ready
+from command_line import start
 from kept import Kept
 from pretouch_simulation.evaluation import Step, steps_of, warm_up
 from pretouch_simulation.finger import FingerModel
@@ -34,7 +35,7 @@ from rich.progress import track
 from sequence_picture import save_clouds, save_curves
 from sessions import Course, after_scan, errors_at, protocol_of, reached, run_session
 
-from pretouch.errors import InvalidInput, PretouchError
+from pretouch.errors import InvalidInput
 from pretouch.session import Planner, Proposer
 
 _SHARES = (0.05, 0.10, 0.15, 0.20, 0.30)
@@ -55,15 +56,7 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=6)
     parser.add_argument("--sensor", type=FingerModel, choices=list(FingerModel), default=FingerModel.IDEAL)
     parser.add_argument("--pictures", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    try:
-        run(parser.parse_args())
-    except PretouchError as error:
-        sys.exit(f"{error.detail} {error.remedy}")
-    except KeyboardInterrupt:
-        sys.exit("Interrupted. The same command goes on.")
+    start(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -20,7 +20,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from collecting import PROPOSERS, RESULTS, SHARED, collect, jobs_of, ready
+from collecting import PROPOSERS, SHARED, collect, jobs_of, ready
+from command_line import start
 from one_scan import CANDIDATES, PAPER, Job, Row, Target
 from one_scan_picture import save
 from one_scan_text import section
@@ -28,7 +29,7 @@ from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import Split
 
-from pretouch.errors import InvalidInput, Malformed, PretouchError
+from pretouch.errors import InvalidInput, Malformed
 from pretouch.session import Proposer
 
 FIRST = 10
@@ -49,15 +50,7 @@ def main() -> None:
     parser.add_argument("--candidates", type=int, default=60, help="0: no oracle")
     parser.add_argument("--oracle", nargs="*", choices=[*FingerModel, PAPER], default=[FingerModel.IDEAL, PAPER])
     parser.add_argument("--oracle-views", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    try:
-        run(parser.parse_args())
-    except PretouchError as error:
-        sys.exit(f"{error.detail} {error.remedy}")
-    except KeyboardInterrupt:
-        sys.exit("Interrupted. The same command goes on.")
+    start(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:

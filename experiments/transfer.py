@@ -22,7 +22,8 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from collecting import PROPOSERS, RESULTS, SHARED, collect, jobs_of, ready
+from collecting import PROPOSERS, SHARED, collect, jobs_of, ready
+from command_line import start
 from one_scan import PAPER, Job, Target, first_regions
 from one_scan_picture import save
 from one_scan_text import section
@@ -53,15 +54,7 @@ def main() -> None:
     parser.add_argument("--sensor", type=FingerModel, choices=list(FingerModel), default=FingerModel.IDEAL)
     parser.add_argument("--candidates", type=int, default=0, help="0: no oracle")
     parser.add_argument("--sheet", type=int, default=12, help="views on a contact sheet")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    try:
-        run(parser.parse_args())
-    except PretouchError as error:
-        sys.exit(f"{error.detail} {error.remedy}")
-    except KeyboardInterrupt:
-        sys.exit("Interrupted. The same command goes on.")
+    start(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -19,7 +19,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from collecting import RESULTS, SHARED, collect
+from collecting import SHARED, collect
+from command_line import start
 from one_scan import CANDIDATES, RCNN, Job, Row, Target, seen
 from pretouch_detector.model import rcnn_network
 from pretouch_detector.model.encoding import encode
@@ -30,7 +31,7 @@ from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import Split
 from scipy.stats import spearmanr
 
-from pretouch.errors import InvalidInput, PretouchError
+from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.session import Proposer
@@ -49,15 +50,7 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=30)
     parser.add_argument("--candidates", type=int, default=14)
     parser.add_argument("--offsets", type=int, default=8)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    try:
-        run(parser.parse_args())
-    except PretouchError as error:
-        sys.exit(f"{error.detail} {error.remedy}")
-    except KeyboardInterrupt:
-        sys.exit("Interrupted. The same command goes on.")
+    start(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -21,7 +21,8 @@ class RegionProposals(nn.Module):
         self.objectness = nn.Conv2d(hidden, SHAPES, 1)
         self.deltas = nn.Conv2d(hidden, SHAPES * 6, 1)
         nn.init.normal_(self.objectness.weight, std=0.01)
-        nn.init.constant_(self.objectness.bias, _RARE)  # type: ignore[arg-type]
+        assert self.objectness.bias is not None
+        nn.init.constant_(self.objectness.bias, _RARE)
         begin_unmoved(self.deltas)
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
