@@ -37,7 +37,6 @@ _NEAR_OBJECT = 0.015
 """m from the object, over the ground, beyond which nothing is scanned."""
 _CLEARANCE, _CLEARED = 0.055, 0.03
 """m that the tip is above the highest point, within so many metres of the beam."""
-_PERIMETER_STEPS = 120
 _RINGS, _HEADINGS = (0.6, 1.5), 8
 _DISPLACED = np.array(
     [
@@ -55,23 +54,32 @@ def remaining_error(scene: Scene, sensor: Sensor, rectangles: Array, prior: Prio
     Args:
         rectangles: (n, 5) as [x, y, w, h, theta], px and rad.
     """
-    from pretouch_detector.proposals.displaced import mean_covariance  # here, since numba takes a second to import
+    from pretouch_detector.proposals.displaced import mean_square  # here, since numba takes a second to import
+    from pretouch_detector.proposals.paths import paths
 
     prior = prior or Prior()
     seen = relief(scene)
-    paths, lengths = _paths(seen, rectangles)
+    boxes = np.ascontiguousarray(rectangles, dtype=np.float64)
+    ways, lengths = paths(
+        boxes, seen.places, seen.first, seen.step, seen.away, seen.corner, seen.cell, _NEAR_OBJECT, _BEAMS
+    )
     independent = _INDEPENDENT * (lengths / _INDEPENDENT_LENGTH) ** _INDEPENDENT_POWER / _BEAMS
-    rows = _rows(seen, sensor)
-    precision = np.diag(1.0 / np.diag(prior.covariance()))
     shifts = _DISPLACED * (prior.translation_std, prior.translation_std, prior.rotation_std)
-    covariance = mean_covariance(rows, seen.corner, seen.cell, paths, independent, shifts, precision)
-    turned = np.trace(seen.spread) * np.eye(3) - seen.spread
+    lever = _lever(seen.spread)
+    precision = np.diag(1.0 / np.diag(prior.covariance()))
+    squares = mean_square(_rows(seen, sensor), seen.corner, seen.cell, ways, independent, shifts, precision, lever)
+    return np.sqrt(squares), float(np.sqrt(np.trace(lever.T @ prior.covariance() @ lever)))
 
-    def error(covariances: Array) -> Array:
-        squares = np.einsum("ij,...ij->...", turned, covariances[..., :3, :3])
-        return np.asarray(np.sqrt(squares + np.trace(covariances[..., 3:, 3:], axis1=-2, axis2=-1)), dtype=np.float64)
 
-    return error(covariance), float(error(prior.covariance()))
+def _lever(spread: Array) -> Array:
+    """(6, 6): trace(lever^T C lever) is the mean square motion, m^2, of points by a pose's covariance C (6, 6).
+
+    A turn w moves points of second moment `spread` (3, 3), m^2, by w^T (trace(spread) I - spread) w in mean square.
+    """
+    values, axes = np.linalg.eigh(np.trace(spread) * np.eye(3) - spread)
+    lever = np.eye(6)
+    lever[:3, :3] = axes * np.sqrt(np.maximum(values, 0.0))
+    return lever
 
 
 def _rows(seen: Relief, sensor: Sensor) -> Array:
@@ -92,41 +100,3 @@ def _rows(seen: Relief, sensor: Sensor) -> Array:
     arm = np.stack([*np.broadcast_arrays(x[:, None], y[None, :]), reached - seen.centre_height], axis=-1)
     rows = np.concatenate([np.cross(arm, normal), normal], axis=-1)
     return np.asarray(rows * np.where(tells, variance**-0.5, 0.0)[..., None], dtype=np.float64)
-
-
-def _paths(seen: Relief, rectangles: Array) -> tuple[Array, Array]:
-    """Places (n, _BEAMS, 2) over the ground along each perimeter, m, and the paths' lengths (n,), m.
-
-    Stretches that show neither object nor table, or lie far from the object, are crossed straight. A perimeter that
-    never comes near has length 0.
-    """
-    pixels = np.rint((_perimeters(rectangles) - seen.first) / seen.step).astype(np.intp)
-    h, w = seen.places.shape[:2]
-    u, v = pixels[..., 0].clip(0, w - 1), pixels[..., 1].clip(0, h - 1)
-    inside = (pixels[..., 0] == u) & (pixels[..., 1] == v)
-    places = seen.places[v, u]
-    inside &= ~np.isnan(places[..., 0])
-    inside &= seen.away[seen.index(np.nan_to_num(places))] <= _NEAR_OBJECT
-    row, _ = np.nonzero(inside)
-    if len(row) == 0:
-        return np.zeros((len(rectangles), _BEAMS, 2)), np.zeros(len(rectangles))
-    line = places[inside] @ (1.0, 1j)
-    steps = np.where(row[1:] == row[:-1], np.abs(np.diff(line)), 0.0)
-    travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    counts = inside.sum(axis=1)
-    last = counts.cumsum() - 1
-    start = travelled[np.minimum(last + 1 - counts, len(row) - 1)]
-    lengths = np.where(counts > 0, travelled[last] - start, 0.0)
-    at = start[:, None] + (np.arange(_BEAMS) + 0.5) / _BEAMS * lengths[:, None]
-    met = np.interp(at, travelled, line)
-    return np.stack([met.real, met.imag], axis=-1), lengths
-
-
-def _perimeters(rectangles: Array) -> Array:
-    """(n, _PERIMETER_STEPS, 2) pixels, evenly along each perimeter."""
-    x, y, w, h, theta = rectangles.T[..., None]
-    s = np.arange(_PERIMETER_STEPS) / _PERIMETER_STEPS * 2 * (w + h)
-    a = s.clip(0, w) - (s - w - h).clip(0, w) - w / 2
-    b = (s - w).clip(0, h) - (s - 2 * w - h).clip(0, h) - h / 2
-    c, sine = np.cos(theta), np.sin(theta)
-    return np.stack([x + c * a - sine * b, y + sine * a + c * b], axis=-1)

@@ -61,6 +61,8 @@ class Relief:
 
 def relief(scene: Scene) -> Relief:
     """What the camera saw within AROUND of the object."""
+    from pretouch_detector.proposals.heights import highest  # here, since numba takes a second to import
+
     near, first = scene.cropped(AROUND)
     step = int(np.ceil(np.sqrt(near.mask.size / _MOST_PIXELS)))
     depth, mask = near.depth.metres[::step, ::step], near.mask[::step, ::step]
@@ -74,8 +76,8 @@ def relief(scene: Scene) -> Relief:
 
     corner, end = body[:, :2].min(axis=0) - AROUND, body[:, :2].max(axis=0) + AROUND
     cell = max(_CELL, float((end - corner).max()) / (_MAX_CELLS - 1))
-    shape = tuple(np.ceil((end - corner) / cell).astype(int) + 1)
-    top, ground = (_highest(cloud, corner, cell, shape) for cloud in (body, points[table]))
+    nx, ny = (np.ceil((end - corner) / cell).astype(int) + 1).tolist()
+    top, ground = (highest(cloud, corner, cell, (nx, ny)) for cloud in (body, points[table]))
     on = ndimage.binary_closing(np.isfinite(top), iterations=_CLOSING)
     arms = body - (0.0, 0.0, centroid[2])
     return Relief(
@@ -90,15 +92,6 @@ def relief(scene: Scene) -> Relief:
         step=step,
         spread=arms.T @ arms / len(arms),
     )
-
-
-def _highest(cloud: Array, corner: Array, cell: float, shape: tuple[int, ...]) -> Array:
-    """(nx, ny), m: the height of the highest point of `cloud` (n, 3) over each cell; -inf without one."""
-    cells = np.rint((cloud[:, :2] - corner) / cell).astype(np.intp)
-    inside = ((cells >= 0) & (cells < shape)).all(axis=1)
-    heights = np.full(shape, -np.inf)
-    np.maximum.at(heights, tuple(cells[inside].T), cloud[inside, 2])
-    return heights
 
 
 def _filled(top: Array, on: NDArray[np.bool_]) -> Array:

@@ -1,0 +1,77 @@
+"""Paths over the ground along perimeters, and what scans along them leave, against plain arithmetic."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pretouch_detector.proposals.displaced import mean_square
+from pretouch_detector.proposals.heights import highest
+from pretouch_detector.proposals.paths import paths
+
+PIXEL, CELL = 0.002, 0.003
+SIDE = 60
+BOX = np.array([[30.0, 30.0, 24.0, 16.0, 0.0]])
+
+
+def ground() -> np.ndarray:
+    """Each pixel (u, v) shows the place (u, v) PIXEL."""
+    v, u = np.indices((SIDE, SIDE))
+    return np.stack([u, v], axis=-1) * PIXEL
+
+
+def along(places: np.ndarray, boxes: np.ndarray, away: np.ndarray, beams: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    return paths(boxes, places, (0, 0), 1, away, np.zeros(2), CELL, 0.015, beams)
+
+
+def test_a_path_goes_once_round_evenly() -> None:
+    ways, lengths = along(ground(), BOX, np.zeros((40, 40)))
+    assert lengths[0] == pytest.approx(2 * (24 + 16) * PIXEL, rel=0.03)
+    offsets = np.abs(ways[0] / PIXEL - 30.0)
+    outside = np.maximum(offsets[:, 0] - 12, offsets[:, 1] - 8)
+    assert np.abs(outside).max() <= 0.75
+    steps = np.linalg.norm(np.diff(ways[0], axis=0), axis=1)
+    assert steps.max() < 1.6 * lengths[0] / 40
+
+
+def test_stretches_that_show_nothing_are_crossed_straight() -> None:
+    places = ground()
+    places[:, 35:] = np.nan
+    ways, lengths = along(places, BOX, np.zeros((40, 40)))
+    assert ways[0, :, 0].max() <= 34 * PIXEL + 1e-9
+    assert lengths[0] == pytest.approx((2 * 16 + 2 * 16) * PIXEL, rel=0.08)
+
+
+def test_far_from_the_object_there_is_no_path() -> None:
+    ways, lengths = along(ground(), BOX, np.full((40, 40), 0.02))
+    assert lengths[0] == 0.0
+    assert not ways.any()
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32 - 1))
+def test_what_is_left_is_the_mean_of_the_inverses(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows, corner = rng.normal(size=(7, 9, 6)), np.array([-0.01, -0.012])
+    ways = rng.uniform(-0.02, 0.02, (3, 12, 2))
+    shifts = rng.normal(size=(4, 3)) * (0.004, 0.004, 0.3)
+    root = rng.normal(size=(6, 6))
+    precision, lever = root @ root.T + np.eye(6), rng.normal(size=(6, 6))
+    independent = rng.uniform(0.1, 2.0, 3)
+    found = mean_square(rows, corner, CELL, ways, independent, shifts, precision, lever)
+    for n in range(3):
+        left = []
+        for x, y, turn in shifts:
+            back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+            cells = np.rint(((ways[n] - (x, y)) @ back.T - corner) / CELL).astype(int).clip(0, (6, 8))
+            beams = rows[cells[:, 0], cells[:, 1]]
+            covariance = np.linalg.inv(independent[n] * beams.T @ beams + precision)
+            left.append(np.trace(lever.T @ covariance @ lever))
+        assert found[n] == pytest.approx(np.mean(left), rel=1e-7)
+
+
+def test_the_highest_point_over_a_cell_counts_and_none_beside_the_grid() -> None:
+    cloud = np.array([[0.0, 0.0, 0.01], [0.0005, 0.0, 0.03], [0.006, 0.003, -0.01], [0.5, 0.0, 9.0], [0.0, -0.01, 9.0]])
+    found = highest(cloud, np.zeros(2), CELL, (3, 2))
+    assert found[0, 0] == 0.03
+    assert found[2, 1] == -0.01
+    assert np.isneginf(found).sum() == 4
