@@ -60,7 +60,9 @@ class Scene:
     @cached_property
     def cloud(self) -> Array:
         """(n, 3), m, in base: the object's points, before correction."""
-        return self.organised[self.mask]
+        v, u = np.nonzero(self.mask)
+        points = self.camera.back_project(np.stack([u, v], axis=-1), self.depth.metres[self.mask])
+        return self.base_T_camera.apply(points)
 
     @cached_property
     def centroid(self) -> Array:

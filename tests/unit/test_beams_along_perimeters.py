@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_detector.proposals.displaced import mean_square
-from pretouch_detector.proposals.heights import highest
+from pretouch_detector.proposals.from_above import from_above
 from pretouch_detector.proposals.paths import paths
 
 PIXEL, CELL = 0.002, 0.003
@@ -69,9 +69,20 @@ def test_what_is_left_is_the_mean_of_the_inverses(seed: int) -> None:
         assert found[n] == pytest.approx(np.mean(left), rel=1e-7)
 
 
-def test_the_highest_point_over_a_cell_counts_and_none_beside_the_grid() -> None:
-    cloud = np.array([[0.0, 0.0, 0.01], [0.0005, 0.0, 0.03], [0.006, 0.003, -0.01], [0.5, 0.0, 9.0], [0.0, -0.01, 9.0]])
-    found = highest(cloud, np.zeros(2), CELL, (3, 2))
-    assert found[0, 0] == 0.03
-    assert found[2, 1] == -0.01
-    assert np.isneginf(found).sum() == 4
+def test_object_and_table_are_told_apart_from_above_and_the_highest_counts() -> None:
+    """A camera 1 m above the table looks straight down: pixel (u, v) at depth z shows ((u - 2) z, (v - 2) z)."""
+    depth = np.full((5, 5), 1.0, np.float32)
+    depth[2, 2], depth[2, 3], depth[0, 0], depth[1, 1] = 0.9, 0.8, 0.0, 0.7
+    mask = np.zeros((5, 5), bool)
+    mask[2, 2:4] = True
+    turn, shift = np.diag([1.0, 1.0, -1.0]), np.array([0.0, 0.0, 1.0])
+    camera = np.array([1.0, 1.0, 2.0, 2.0])
+    places, top, ground = from_above(depth, mask, camera, turn, shift, 0.015, np.array([0.0, -1.0]), 1.0, (3, 3))
+    np.testing.assert_allclose(places[2, 3], [0.8, 0.0])
+    np.testing.assert_allclose(places[3, 4], [2.0, 1.0])
+    assert np.isnan(places[0, 0]).all()  # no depth
+    assert np.isnan(places[1, 1]).all()  # neither object nor table
+    np.testing.assert_allclose([top[0, 1], top[1, 1]], [0.1, 0.2], atol=1e-6)
+    assert np.isneginf(top).sum() == 7
+    np.testing.assert_allclose(ground[np.isfinite(ground)], 0.0, atol=1e-6)
+    assert np.argwhere(np.isneginf(ground)).tolist() == [[0, 1], [1, 1]]  # which the object hides

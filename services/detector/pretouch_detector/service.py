@@ -24,8 +24,8 @@ async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str,
 
 
 def _compile() -> None:
-    from pretouch_detector.proposals import displaced, heights, paths  # here, since numba takes a second to import
+    from pretouch_detector.proposals import displaced, from_above, paths  # here, since numba takes a second to import
 
-    heights.warm_up()
+    from_above.warm_up()
     paths.warm_up()
     displaced.warm_up()

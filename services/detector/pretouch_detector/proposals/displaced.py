@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from pretouch.geometry import Array
 
@@ -34,26 +35,25 @@ def mean_square(
         lever: (6, 6).
     """
     nx, ny = rows.shape[:2]
-    products = np.empty((nx, ny, _TERMS))
+    products = np.empty((nx * ny, _TERMS))
     for u in range(nx):
         for v in range(ny):
             k = 0
             for a in range(6):
                 for b in range(a + 1):
-                    products[u, v, k] = rows[u, v, a] * rows[u, v, b]
+                    products[u * ny + v, k] = rows[u, v, a] * rows[u, v, b]
                     k += 1
+    met = np.empty(paths.shape[1], np.int64)
     told, matrix = np.empty(_TERMS), np.empty((6, 6))
     total = np.zeros(len(paths))
-    for t in range(len(shifts)):
-        cosine, sine = np.cos(shifts[t, 2]), np.sin(shifts[t, 2])
-        for n in range(len(paths)):
+    for n in range(len(paths)):
+        for t in range(len(shifts)):
+            _met(paths[n], shifts[t], corner, cell, nx, ny, met)
             told[:] = 0.0
-            for i in range(paths.shape[1]):
-                x, y = paths[n, i, 0] - shifts[t, 0], paths[n, i, 1] - shifts[t, 1]
-                column = min(max(int(np.rint((cosine * x + sine * y - corner[0]) / cell)), 0), nx - 1)
-                line = min(max(int(np.rint((cosine * y - sine * x - corner[1]) / cell)), 0), ny - 1)
+            for i in range(len(met)):
+                product = products[met[i]]
                 for k in range(_TERMS):
-                    told[k] += products[column, line, k]
+                    told[k] += product[k]
             k = 0
             for a in range(6):
                 for b in range(a + 1):
@@ -61,6 +61,21 @@ def mean_square(
                     k += 1
             total[n] += _trace_of_inverse(matrix, lever)
     return total / len(shifts)
+
+
+@njit(cache=True, nogil=True)
+def _met(
+    path: Array, shift: Array, corner: Array, cell: float, nx: int, ny: int, met: NDArray[np.int64]
+) -> None:  # fmt: skip
+    """Fills `met` (b,) with the number of the cell that each beam at path (b, 2), m, meets of a world so displaced."""
+    cosine, sine = np.cos(shift[2]) / cell, np.sin(shift[2]) / cell
+    first = 0.5 - cosine * shift[0] - sine * shift[1] - corner[0] / cell
+    second = 0.5 + sine * shift[0] - cosine * shift[1] - corner[1] / cell
+    for i in range(len(met)):
+        x, y = path[i, 0], path[i, 1]
+        u = min(max(int(cosine * x + sine * y + first), 0), nx - 1)
+        v = min(max(int(cosine * y - sine * x + second), 0), ny - 1)
+        met[i] = u * ny + v
 
 
 @njit(cache=True, nogil=True)

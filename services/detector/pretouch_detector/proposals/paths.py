@@ -47,16 +47,15 @@ def paths(
             v = int(np.rint((y + sine * a + cosine * b - first[1]) / step))
             if u < 0 or u >= columns or v < 0 or v >= rows or np.isnan(places[v, u, 0]):
                 continue
-            place = places[v, u]
-            i = min(max(int(np.rint((place[0] - corner[0]) / cell)), 0), nx - 1)
-            j = min(max(int(np.rint((place[1] - corner[1]) / cell)), 0), ny - 1)
+            p, q = places[v, u, 0], places[v, u, 1]
+            i = min(max(int(np.rint((p - corner[0]) / cell)), 0), nx - 1)
+            j = min(max(int(np.rint((q - corner[1]) / cell)), 0), ny - 1)
             if away[i, j] > reach:
                 continue
-            met[known] = place
-            travelled[known] = 0.0
+            met[known, 0], met[known, 1], travelled[known] = p, q, 0.0
             if known > 0:
-                gone = met[known] - met[known - 1]
-                travelled[known] = travelled[known - 1] + np.hypot(gone[0], gone[1])
+                gone = (p - met[known - 1, 0]) ** 2 + (q - met[known - 1, 1]) ** 2
+                travelled[known] = travelled[known - 1] + np.sqrt(gone)
             known += 1
         if known == 0:
             continue
@@ -66,8 +65,9 @@ def paths(
             at = (i + 0.5) / beams * lengths[n]
             while k + 2 < known and travelled[k + 1] <= at:
                 k += 1
-            along[n, i] = met[k]
+            share = 0.0
             if known > 1 and travelled[k + 1] > travelled[k]:
                 share = (at - travelled[k]) / (travelled[k + 1] - travelled[k])
-                along[n, i] += share * (met[k + 1] - met[k])
+            for axis in range(2):
+                along[n, i, axis] = met[k, axis] + share * (met[min(k + 1, known - 1), axis] - met[k, axis])
     return along, lengths

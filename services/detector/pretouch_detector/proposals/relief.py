@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pretouch.camera import Camera
 from pretouch.geometry import Array
 from pretouch.scene import Scene
 
@@ -61,25 +60,28 @@ class Relief:
 
 def relief(scene: Scene) -> Relief:
     """What the camera saw within AROUND of the object."""
-    from pretouch_detector.proposals.heights import highest  # here, since numba takes a second to import
+    from pretouch_detector.proposals.from_above import from_above  # here, since numba takes a second to import
+
+    table_T_base = scene.table.frame().inverse()
+    body = table_T_base.apply(scene.cloud)
+    centroid = body.mean(axis=0)
+    arms = body - centroid
+    corner, end = arms[:, :2].min(axis=0) - AROUND, arms[:, :2].max(axis=0) + AROUND
+    cell = max(_CELL, float((end - corner).max()) / (_MAX_CELLS - 1))
+    nx, ny = (np.ceil((end - corner) / cell).astype(int) + 1).tolist()
 
     near, first = scene.cropped(AROUND)
     step = int(np.ceil(np.sqrt(near.mask.size / _MOST_PIXELS)))
-    depth, mask = near.depth.metres[::step, ::step], near.mask[::step, ::step]
+    depth = np.ascontiguousarray(near.depth.metres[::step, ::step])
+    mask = np.ascontiguousarray(near.mask[::step, ::step])
     c = near.camera
-    camera = Camera(c.fx / step, c.fy / step, c.cx / step, c.cy / step)
-    points = (scene.table.frame().inverse() @ scene.base_T_camera).apply(camera.organised(depth))
-    centroid = points[mask].mean(axis=0)
-    points[..., :2] -= centroid[:2]
-    table = ~mask & (depth > 0) & (np.abs(points[..., 2]) < _TABLE_BAND)
-    body = points[mask]
-
-    corner, end = body[:, :2].min(axis=0) - AROUND, body[:, :2].max(axis=0) + AROUND
-    cell = max(_CELL, float((end - corner).max()) / (_MAX_CELLS - 1))
-    nx, ny = (np.ceil((end - corner) / cell).astype(int) + 1).tolist()
-    top, ground = (highest(cloud, corner, cell, (nx, ny)) for cloud in (body, points[table]))
+    camera = np.array([c.fx, c.fy, c.cx, c.cy]) / step
+    table_T_camera = table_T_base @ scene.base_T_camera
+    shift = table_T_camera.translation - (centroid[0], centroid[1], 0.0)
+    places, top, ground = from_above(
+        depth, mask, camera, table_T_camera.rotation, shift, _TABLE_BAND, corner, cell, (nx, ny)
+    )
     on = ndimage.binary_closing(np.isfinite(top), iterations=_CLOSING)
-    arms = body - (0.0, 0.0, centroid[2])
     return Relief(
         corner=corner,
         cell=cell,
@@ -87,7 +89,7 @@ def relief(scene: Scene) -> Relief:
         known=on | ndimage.binary_closing(np.isfinite(ground), iterations=_CLOSING),
         away=np.asarray(ndimage.distance_transform_edt(~on) * cell, dtype=np.float64),
         centre_height=float(centroid[2]),
-        places=np.where((mask | table)[..., None], points[..., :2], np.nan),
+        places=places,
         first=first,
         step=step,
         spread=arms.T @ arms / len(arms),
