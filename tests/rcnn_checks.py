@@ -16,24 +16,14 @@ from pretouch_detector.model.anchors import CELLS, SHAPES, anchors, decode, quar
 from pretouch_detector.model.encoding import CHANNELS, SIZE
 from pretouch_detector.model.rcnn import RotatedRCNN
 from pretouch_detector.model.roi_align import BINS, roi_align
-from pretouch_detector.model.rotated_overlap import overlap
 from pretouch_detector.model.rpn import RegionProposals
+from pretouch_detector.overlap import overlap
 from pretouch_detector.training.batch import Batch
 from pretouch_detector.training.rcnn_export import FirstStage, SecondStage, export_rcnn
 from pretouch_detector.training.rcnn_loss import rcnn_loss
 from pretouch_detector.training.rcnn_targets import best_of
-from rotated_shapes import drawn, shapely_overlap
+from rotated_shapes import drawn
 from safetensors.torch import save_file
-
-
-def overlaps() -> None:
-    """In single precision, coinciding edges too, within 1e-4 of shapely's."""
-    rng = np.random.default_rng(0)
-    some = drawn(rng, 120)
-    some[::3] = np.round(some[::3] * 4) / 4 + [0, 0, 0.25, 0.25, 0]
-    found = overlap(torch.tensor(some, dtype=torch.float32), torch.tensor(some[:50], dtype=torch.float32))
-    assert found.dtype == torch.float32
-    np.testing.assert_allclose(found.numpy(), shapely_overlap(some, some[:50]), atol=1e-4)
 
 
 def bilinear(image: np.ndarray, x: float, y: float) -> np.ndarray:
@@ -107,7 +97,6 @@ def answers_belong_to_anchors() -> None:
 
 
 def geometry(folder: Path) -> None:
-    overlaps()
     pools()
     flips()
     answers_belong_to_anchors()

@@ -7,11 +7,11 @@ import made_network
 import numpy as np
 import pytest
 from pretouch_detector.model.weights import Network, Weights, load
+from pretouch_detector.overlap import intersection
 from pretouch_detector.proposals import deep, propose
 from pretouch_detector.proposals.information import remaining_error
-from pretouch_detector.proposals.overlap import common_area
 from pretouch_detector.proposals.random import allowed, drawn
-from pretouch_detector.proposals.spread import MAX_OVERLAP
+from pretouch_detector.spread import MAX_OVERLAP
 from scenes import KINECT, Box, View, World, looking
 
 from pretouch.camera import Camera, DepthImage
@@ -45,7 +45,7 @@ def check(scene: Scene, rectangles: np.ndarray) -> None:
     assert allowed(rectangles, scene).all()
     areas = rectangles[:, 2] * rectangles[:, 3]
     for k in range(1, len(rectangles)):
-        common = common_area(rectangles[k], rectangles[:k])
+        common = intersection(rectangles[:k], rectangles[k])
         assert (common / (areas[k] + areas[:k] - common) <= MAX_OVERLAP + 1e-9).all()
 
 

@@ -1,38 +1,58 @@
-"""The common area of rotated rectangles, beside shapely's."""
+"""Common area and intersection over union of rotated rectangles: beside shapely's, and what must hold of any."""
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_detector.proposals.overlap import common_area
-
-from pretouch.rectangle import RotatedRectangle
-
-
-def polygon(rectangle: np.ndarray) -> shapely.Polygon:
-    return shapely.Polygon(RotatedRectangle(*rectangle).corners())
+from pretouch_detector.model.anchors import quarter_turned
+from pretouch_detector.overlap import intersection, overlap
+from rotated_shapes import rectangles, several, shapely_overlap
 
 
-@settings(max_examples=50, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), upright=st.booleans(), room=st.floats(1.0, 40.0))
-def test_the_same_as_of_polygons(seed: int, upright: bool, room: float) -> None:
-    rng = np.random.default_rng(seed)
-    low, high = np.array((0, 0, 0.1, 0.1, -np.pi / 2)), np.array((room, room, 25, 25, np.pi / 2))
-    rectangles = rng.uniform(low, high, (12, 5))
-    if upright:  # sides lie on sides
-        rectangles = np.rint(rectangles).clip((0, 0, 1, 1, 0), (40, 40, 25, 25, 0))
-    first, others = rectangles[0], rectangles
-    expected = [polygon(first).intersection(polygon(row)).area for row in others]
-    np.testing.assert_allclose(common_area(first, others), expected, atol=1e-9)
+@settings(max_examples=60)
+@given(several(1, 6), several(1, 6))
+def test_the_same_as_shapely(first: np.ndarray, second: np.ndarray) -> None:
+    np.testing.assert_allclose(overlap(first, second), shapely_overlap(first, second), atol=1e-9)
+
+
+@given(several(1, 6), several(1, 6))
+def test_symmetric_and_between_0_and_1(first: np.ndarray, second: np.ndarray) -> None:
+    found = overlap(first, second)
+    assert ((found >= 0) & (found <= 1)).all()
+    np.testing.assert_allclose(found, overlap(second, first).T, atol=1e-12)
+
+
+@given(rectangles)
+def test_with_itself_told_either_way_it_is_1(rectangle: np.ndarray) -> None:
+    itself = rectangle[None]
+    other = quarter_turned(itself, np.array([True]))
+    np.testing.assert_allclose([overlap(itself, itself)[0, 0], overlap(itself, other)[0, 0]], 1, atol=1e-9)
+
+
+@given(rectangles, rectangles, st.floats(-3, 3), st.floats(-3, 3), st.floats(0.2, 5), st.booleans())
+def test_moved_scaled_turned_or_mirrored_together_they_overlap_as_before(
+    first: np.ndarray, second: np.ndarray, shift: float, turn: float, scale: float, mirror: bool
+) -> None:
+    def moved(row: np.ndarray) -> np.ndarray:
+        x, y, w, h, theta = row
+        c, s = np.cos(turn), np.sin(turn)
+        x, y, theta = c * x - s * y + shift, s * x + c * y - shift, theta + turn
+        if mirror:
+            x, theta = -x, -theta
+        return np.array([[scale * x, scale * y, scale * w, scale * h, theta]])
+
+    before = overlap(first[None], second[None])
+    np.testing.assert_allclose(overlap(moved(first), moved(second)), before, atol=1e-9)
 
 
 @pytest.mark.parametrize("theta", [0.0, 0.3, -np.pi / 2, np.pi / 4])
-def test_of_itself_of_one_within_and_of_one_apart(theta: float) -> None:
+def test_one_beside_many_of_itself_of_one_within_and_of_one_apart(theta: float) -> None:
     rectangle = (3.0, -2.0, 10.0, 4.0, theta)
     others = np.array([rectangle, (3.0, -2.0, 2.0, 1.0, 0.1), (30.0, -2.0, 10.0, 4.0, theta)])
-    np.testing.assert_allclose(common_area(rectangle, others), [40.0, 2.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(intersection(rectangle, others), [40.0, 2.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(intersection(others, rectangle), [40.0, 2.0, 0.0], atol=1e-12)
 
 
-def test_of_none() -> None:
-    assert common_area((0.0, 0.0, 1.0, 1.0, 0.0), np.zeros((0, 5))).shape == (0,)
+def test_of_none_there_is_none() -> None:
+    assert overlap(np.zeros((0, 5)), np.ones((3, 5))).shape == (0, 3)
+    assert intersection((0.0, 0.0, 1.0, 1.0, 0.0), np.zeros((0, 5))).shape == (0,)

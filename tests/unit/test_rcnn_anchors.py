@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import given
 from pretouch_detector.model.anchors import CELLS, SHAPES, anchors, decode, encode, quarter_turned
-from pretouch_detector.model.rotated_overlap import overlap
+from pretouch_detector.overlap import overlap
 from rotated_shapes import rectangles
 
 

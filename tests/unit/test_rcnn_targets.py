@@ -2,7 +2,7 @@
 
 import numpy as np
 from pretouch_detector.model.anchors import anchors, decode
-from pretouch_detector.model.rotated_overlap import overlap
+from pretouch_detector.overlap import overlap
 from pretouch_detector.training.rcnn_targets import best_of, matched
 from pretouch_detector.training.targets import ACHIEVED, FORESEEN
 from rotated_shapes import shapely_overlap

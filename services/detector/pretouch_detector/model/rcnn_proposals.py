@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pretouch.geometry import Array
 from pretouch_detector.model.anchors import anchors, decode
-from pretouch_detector.model.nms import suppressed
+from pretouch_detector.spread import spread
 
 Head = Callable[[NDArray[np.float32]], tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]
 """Rectangles (n, 5) -> score (n,), deltas (n, 6), log_error (n, 2): the second stage of one image."""
@@ -60,7 +60,7 @@ def propose(
         rectangles = np.concatenate([rectangles, moved])
     errors = np.exp(logs[:, 0].astype(np.float64))
     order = np.argsort(errors, kind="stable")
-    kept = order[suppressed(rectangles[order], APART, count)]
+    kept = order[spread(rectangles[order], count, APART)]
     return rectangles[kept], errors[kept]
 
 
@@ -76,4 +76,4 @@ def _first_stage(objectness: NDArray[Any], deltas: NDArray[Any], allowed: Allowe
         if len(rivals) >= wanted:
             break
     rivals = rivals[:wanted]
-    return rivals[suppressed(rivals, _SAME, max(_PROPOSALS, _PROPOSALS_EACH * count))]
+    return rivals[spread(rivals, max(_PROPOSALS, _PROPOSALS_EACH * count), _SAME)]

@@ -19,7 +19,7 @@ from pretouch_detector.model.weights import FOLDER, THREADS, Network, Weights
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.proposals.random import drawn
 from pretouch_detector.proposals.region import ProposedRegion
-from pretouch_detector.proposals.spread import spread
+from pretouch_detector.spread import spread
 
 WEIGHTS = Weights(FOLDER, "scorer")
 _MARGIN = 0.13

@@ -10,7 +10,7 @@ from pretouch.tof import Sensor
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.proposals.random import drawn
 from pretouch_detector.proposals.region import ProposedRegion
-from pretouch_detector.proposals.spread import spread
+from pretouch_detector.spread import spread
 
 _CANDIDATES = 200
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pretouch.geometry import Array
 from pretouch_detector.model.anchors import encode
-from pretouch_detector.model.rotated_overlap import overlap
+from pretouch_detector.overlap import overlap
 from pretouch_detector.training.targets import ACHIEVED, FORESEEN
 
 BEST = 0.1

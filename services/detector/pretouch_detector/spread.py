@@ -1,4 +1,4 @@
-"""Regions that differ: of two that overlap much only the better is proposed."""
+"""Regions that differ: of two that overlap much only the better is kept."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_detector.proposals.overlap import common_area
+from pretouch_detector.overlap import intersection
 
 MAX_OVERLAP = 0.6
-"""Of two regions with a larger intersection over union only the better is proposed."""
+"""Intersection over union of regions that are proposed."""
 
 
-def spread(ranked: Array, count: int) -> list[int]:
-    """Which of the rectangles are proposed: the best, then each that overlaps no better one too much.
+def spread(ranked: Array, count: int, limit: float = MAX_OVERLAP) -> list[int]:
+    """Which of the rectangles are kept: the best, then each that overlaps no better one too much.
 
     Args:
         ranked: (n, 5) as [x, y, w, h, theta], the best first.
         count: as many at most.
+        limit: intersection over union, exact, above which it is too much.
 
     Returns:
         Their indices, the best first.
@@ -28,11 +29,9 @@ def spread(ranked: Array, count: int) -> list[int]:
     while len(left) and len(kept) < count:
         best, left = int(left[0]), left[1:]
         kept.append(best)
-        near = np.flatnonzero(
-            _may_share(ranked[best], ranked[left], MAX_OVERLAP * np.maximum(areas[best], areas[left]))
-        )
-        common = common_area(ranked[best], ranked[left[near]])
-        too_much = common / (areas[best] + areas[left[near]] - common) > MAX_OVERLAP
+        near = np.flatnonzero(_may_share(ranked[best], ranked[left], limit * np.maximum(areas[best], areas[left])))
+        common = intersection(ranked[left[near]], ranked[best])
+        too_much = common / (areas[best] + areas[left[near]] - common) > limit
         left = np.delete(left, near[too_much])
     return kept
 
