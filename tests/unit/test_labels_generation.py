@@ -143,7 +143,7 @@ def test_statistics_count_objects_views_and_rectangles(tmp_path: Path) -> None:
     console.print(table(views))
     lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     rows = {
-        cells[0]: cells[1:5] for line in lines if len(cells := [c.strip() for c in line.strip("│").split("│")]) == 9
+        cells[0]: cells[1:5] for line in lines if len(cells := [c.strip() for c in line.strip("│").split("│")]) == 10
     }
     assert rows["train"] == ["1", "2", "12", "6"]
     assert rows["validation"] == ["1", "1", "6", "3"]
@@ -160,6 +160,17 @@ def test_statistics_of_a_view_know_best_median_and_what_cannot_be_scanned() -> N
     worst = statistics_of(changed, "train", worst=True)
     assert (worst.best, worst.median) == (pytest.approx(0.022), pytest.approx(0.03))
     assert np.isnan(statistics_of(replace(view, foreseen=np.full(4, np.nan)), "train", True).unscannable)
+
+
+def test_statistics_tell_what_of_a_score_is_luck() -> None:
+    view = example(rectangles=6, trials=4)
+    good = np.arange(6.0)[:, None] * 0.01 + [0.0, 0.001, 0.002, 0.001]
+    assert statistics_of(replace(view, scores=good), "train", worst=True).agreement == pytest.approx(1.0)
+    luck = np.column_stack([good[:, :2], good[::-1, :2]])
+    assert statistics_of(replace(view, scores=luck), "train", worst=False).agreement == pytest.approx(-1.0)
+    assert np.isnan(statistics_of(example(rectangles=6, trials=1), "train", worst=False).agreement)
+    few = np.where(np.arange(6)[:, None] < 4, good, np.nan)
+    assert np.isnan(statistics_of(replace(view, scores=few), "train", worst=False).agreement)
 
 
 def test_the_pictures_show_each_object_before_any_again(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from pretouch_detector.training.dataset import SIDES, Dataset, Example
 from rich.table import Table
+from scipy.stats import spearmanr
 
 from pretouch.errors import NotFound
 from pretouch.estimate import Prior, from_prior
@@ -16,6 +17,8 @@ from pretouch.geometry import Array
 _SAME = 1e-3
 """Relative; what was stored in single precision and recomputed from stored depth."""
 _CM = 100.0
+_LEAST = 5
+"""Rectangles with all their trials that a view must have for its halves to be compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +30,8 @@ class ViewStatistics:
         errors: (k,), m, ascending: of those with trials.
         unscannable: share of the rectangles along which the finger never comes over the object; NaN where that was not
             looked at.
+        agreement: rank correlation, over the rectangles, of the first half of the trials with the second: what of a
+            score is the rectangle's and not its trials' luck. NaN with fewer than two trials or five rectangles.
     """
 
     object: str
@@ -34,6 +39,7 @@ class ViewStatistics:
     rectangles: int
     errors: Array
     unscannable: float
+    agreement: float
 
     @property
     def best(self) -> float:
@@ -51,9 +57,17 @@ def statistics_of(example: Example, side: str, worst: bool) -> ViewStatistics:
     if not np.isnan(example.foreseen).all():
         left = from_prior(Prior(), example.scene.cloud).expected_error
         unscannable = float((example.foreseen >= (1.0 - _SAME) * left).mean())
-    return ViewStatistics(
-        example.object, side, len(example.rectangles), np.sort(errors[~np.isnan(errors)]), unscannable
-    )
+    known = np.sort(errors[~np.isnan(errors)])
+    return ViewStatistics(example.object, side, len(example.rectangles), known, unscannable, _agreement(example, worst))
+
+
+def _agreement(example: Example, worst: bool) -> float:
+    half = example.scores.shape[1] // 2
+    tried = example.scores[np.isfinite(example.scores).all(axis=1)]
+    if half < 1 or len(tried) < _LEAST:
+        return float("nan")
+    first, second = ((np.max if worst else np.mean)(part, axis=1) for part in (tried[:, :half], tried[:, half:]))
+    return float(spearmanr(first, second).statistic)
 
 
 def statistics(dataset: Dataset) -> list[ViewStatistics]:
@@ -72,13 +86,24 @@ def statistics(dataset: Dataset) -> list[ViewStatistics]:
 def table(views: Sequence[ViewStatistics]) -> Table:
     """Sides by what they hold; errors in cm, means over views of each view's best, median and worst rectangle."""
     shown = Table(title="labels; errors in cm")
-    for name in ("side", "objects", "views", "rectangles", "with trials", "best", "median", "worst", "unscannable"):
+    for name in (
+        "side",
+        "objects",
+        "views",
+        "rectangles",
+        "with trials",
+        "best",
+        "median",
+        "worst",
+        "unscannable",
+        "halves agree",
+    ):
         shown.add_column(name, justify="left" if name == "side" else "right")
     for side in (*SIDES, "both"):
         group = [view for view in views if side in (view.side, "both")]
         scored = [view for view in group if len(view.errors)]
-        errors = [[view.best, view.median, float(view.errors[-1])] for view in scored]
-        means = _CM * np.mean(errors, axis=0) if scored else np.full(3, np.nan)
+        each = [[view.best, view.median, float(view.errors[-1])] for view in scored]
+        means = _CM * np.mean(each, axis=0) if scored else np.full(3, np.nan)
         shown.add_row(
             side,
             f"{len({view.object for view in group})}",
@@ -86,11 +111,12 @@ def table(views: Sequence[ViewStatistics]) -> Table:
             f"{sum(view.rectangles for view in group)}",
             f"{sum(len(view.errors) for view in group)}",
             *("-" if np.isnan(mean) else f"{mean:.2f}" for mean in means),
-            _share(group),
+            _mean([view.unscannable for view in group], "{:.1%}"),
+            _mean([view.agreement for view in group], "{:.2f}"),
         )
     return shown
 
 
-def _share(views: Sequence[ViewStatistics]) -> str:
-    told = [view.unscannable for view in views if not np.isnan(view.unscannable)]
-    return f"{np.mean(told):.1%}" if told else "-"
+def _mean(values: Sequence[float], form: str) -> str:
+    told = [value for value in values if not np.isnan(value)]
+    return form.format(np.mean(told)) if told else "-"
