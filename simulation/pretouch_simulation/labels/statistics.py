@@ -86,18 +86,8 @@ def statistics(dataset: Dataset) -> list[ViewStatistics]:
 def table(views: Sequence[ViewStatistics]) -> Table:
     """Sides by what they hold; errors in cm, means over views of each view's best, median and worst rectangle."""
     shown = Table(title="labels; errors in cm")
-    for name in (
-        "side",
-        "objects",
-        "views",
-        "rectangles",
-        "with trials",
-        "best",
-        "median",
-        "worst",
-        "unscannable",
-        "halves agree",
-    ):
+    counts, errors = ("objects", "views", "rectangles", "with trials"), ("best", "median", "worst")
+    for name in ("side", *counts, *errors, "unscannable", "halves agree"):
         shown.add_column(name, justify="left" if name == "side" else "right")
     for side in (*SIDES, "both"):
         group = [view for view in views if side in (view.side, "both")]
