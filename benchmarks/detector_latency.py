@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pretouch_detector.model.encoding import Encoding
 from pretouch_detector.model.weights import FOLDER, Network, Weights
-from pretouch_detector.proposals import deep, narf, propose, readiness
+from pretouch_detector.proposals import deep, propose, readiness, warm_up
 
 from benchmarks.narf import views
 from pretouch.errors import Unavailable
@@ -143,9 +143,9 @@ def main() -> None:
     options = parser.parse_args()
     os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[-THREADS:]))
     scenes = [scene for _, scene in views(options.views, options.meshes)]
-    narf.warm_up()
     deep.WEIGHTS = Weights(options.weights, "scorer")
     deep.warm_up(THREADS)
+    warm_up()
     command = shlex.join(["python", "-m", "benchmarks.detector_latency", *sys.argv[1:]])
     content: dict[str, Any] = {"command": command, "threads": THREADS, "views": len(scenes), "load": os.getloadavg()}
     content["proposing_ms"] = proposing(scenes, options.repeats)

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_detector.proposals import narf
+from pretouch_detector.proposals import narf, warm_up
 from pretouch_detector.proposals.narf.borders import borders
 from pretouch_detector.proposals.narf.change import change
 from pretouch_detector.proposals.narf.descriptor import descriptors
@@ -145,13 +145,13 @@ def agreement(scenes: Sequence[tuple[str, Scene]], support: float, program: Path
     """Ours and PCL's on each of the views."""
     questions = [Question(scene.depth, scene.camera, support) for _, scene in scenes]
     answers = ask(program, questions, _SECONDS_AN_IMAGE * len(questions))
-    narf.warm_up()
+    warm_up()
     return [compare(name, q, a) for (name, _), q, a in zip(scenes, questions, answers, strict=True)]
 
 
 def proposer_times(scenes: Sequence[tuple[str, Scene]]) -> list[float]:
     """ms of each of the views."""
-    narf.warm_up()
+    warm_up()
     times = []
     for _, scene in scenes:
         started = time.perf_counter()

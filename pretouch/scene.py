@@ -76,8 +76,8 @@ class Scene:
 
     def bounds(self) -> tuple[int, int, int, int]:
         """The mask's bounding box (u0, v0, u1, v1), half-open."""
-        v, u = np.nonzero(self.mask)
-        return int(u.min()), int(v.min()), int(u.max()) + 1, int(v.max()) + 1
+        u, v = (np.flatnonzero(self.mask.any(axis=axis)) for axis in (0, 1))
+        return int(u[0]), int(v[0]), int(u[-1]) + 1, int(v[-1]) + 1
 
     def cropped(self, margin: float) -> tuple[Scene, tuple[int, int]]:
         """The view within `margin` metres of the object, at its depth, and that view's first pixel (u0, v0)."""

@@ -7,7 +7,7 @@ import made_network
 import numpy as np
 import pytest
 from pretouch_detector.model.weights import Network, Weights, load
-from pretouch_detector.overlap import intersection
+from pretouch_detector.overlap import common_areas
 from pretouch_detector.proposals import deep, propose
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.proposals.random import allowed, drawn
@@ -45,7 +45,7 @@ def check(scene: Scene, rectangles: np.ndarray) -> None:
     assert allowed(rectangles, scene).all()
     areas = rectangles[:, 2] * rectangles[:, 3]
     for k in range(1, len(rectangles)):
-        common = intersection(rectangles[:k], rectangles[k])
+        common = common_areas(rectangles[k], rectangles[:k])
         assert (common / (areas[k] + areas[:k] - common) <= MAX_OVERLAP + 1e-9).all()
 
 

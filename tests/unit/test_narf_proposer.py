@@ -1,13 +1,8 @@
 """Proposer `narf`: a rectangle about each keypoint by the paper's rule, nothing left to chance."""
 
-import importlib
-import pkgutil
-import subprocess
-import sys
-
 import numpy as np
 import pytest
-from pretouch_detector.proposals import narf, propose
+from pretouch_detector.proposals import propose
 from pretouch_detector.proposals.narf.rectangles import region
 from scenes import KINECT, Box, World
 
@@ -143,18 +138,3 @@ def test_a_plain_sheet_has_no_keypoint_and_so_no_region() -> None:
         Plane(np.array([0, 0, 1.0]), 0.0),
     )
     assert propose(sheet, Proposer.NARF, Sensor(), 20, 0).regions == []
-
-
-def test_naming_the_proposers_does_not_import_numba() -> None:
-    script = "import sys, pretouch_detector.proposals; sys.exit('numba' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", script], timeout=120, check=False).returncode == 0
-
-
-def test_after_the_warm_up_a_request_compiles_nothing(scene: Scene) -> None:
-    modules = [importlib.import_module(m.name) for m in pkgutil.iter_modules(narf.__path__, f"{narf.__name__}.")]
-    kernels = [value for module in modules for value in vars(module).values() if hasattr(value, "signatures")]
-    narf.warm_up()
-    before = [len(kernel.signatures) for kernel in kernels]
-    propose(scene, Proposer.NARF, Sensor(), 20, 0)
-    assert [len(kernel.signatures) for kernel in kernels] == before
-    assert sum(before) > 0

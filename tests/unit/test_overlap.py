@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_detector.model.anchors import quarter_turned
-from pretouch_detector.overlap import intersection, overlap
+from pretouch_detector.overlap import common_areas, overlap
 from rotated_shapes import rectangles, several, shapely_overlap
 
 
@@ -49,10 +49,11 @@ def test_moved_scaled_turned_or_mirrored_together_they_overlap_as_before(
 def test_one_beside_many_of_itself_of_one_within_and_of_one_apart(theta: float) -> None:
     rectangle = (3.0, -2.0, 10.0, 4.0, theta)
     others = np.array([rectangle, (3.0, -2.0, 2.0, 1.0, 0.1), (30.0, -2.0, 10.0, 4.0, theta)])
-    np.testing.assert_allclose(intersection(rectangle, others), [40.0, 2.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(intersection(others, rectangle), [40.0, 2.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(common_areas(rectangle, others), [40.0, 2.0, 0.0], atol=1e-12)
+    found = [common_areas(other, [rectangle])[0] for other in others]
+    np.testing.assert_allclose(found, [40.0, 2.0, 0.0], atol=1e-12)
 
 
 def test_of_none_there_is_none() -> None:
     assert overlap(np.zeros((0, 5)), np.ones((3, 5))).shape == (0, 3)
-    assert intersection((0.0, 0.0, 1.0, 1.0, 0.0), np.zeros((0, 5))).shape == (0,)
+    assert common_areas((0.0, 0.0, 1.0, 1.0, 0.0), np.zeros((0, 5))).shape == (0,)

@@ -1,12 +1,14 @@
 """Proposed regions keep the paper's rules, repeat by seed, and differ from each other."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 from pretouch_detector.model.weights import Weights
-from pretouch_detector.proposals import deep, propose, readiness
+from pretouch_detector.proposals import deep, propose, readiness, warm_up
 from pretouch_detector.proposals.random import AREA, MIN_OVERLAP
 from scenes import Box, World
 
@@ -84,3 +86,19 @@ def test_a_strip_that_no_rectangle_overlaps_well_is_refused_and_one_nearly_as_sl
     assert propose(strip(8), proposer, Sensor(), 5, 0).regions
     with pytest.raises(InvalidInput, match="300 x 1 pixels"):
         propose(strip(1), proposer, Sensor(), 5, 0)
+
+
+def test_naming_the_proposers_does_not_import_numba() -> None:
+    script = "import sys, pretouch_detector.proposals; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], timeout=120, check=False).returncode == 0
+
+
+def test_after_the_warm_up_a_request_compiles_nothing(scene: Scene) -> None:
+    warm_up()
+    ours = [module for name, module in sys.modules.items() if name.startswith("pretouch_detector.")]
+    kernels = [value for module in ours for value in vars(module).values() if hasattr(value, "signatures")]
+    before = [len(kernel.signatures) for kernel in kernels]
+    for proposer in READY:
+        propose(scene, proposer, Sensor(), 20, 0)
+    assert [len(kernel.signatures) for kernel in kernels] == before
+    assert sum(before) > 0

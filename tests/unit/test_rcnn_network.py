@@ -7,7 +7,7 @@ import pytest
 from pretouch_detector.model.anchors import anchors
 from pretouch_detector.model.encoding import CHANNELS, SIZE, encode
 from pretouch_detector.model.rcnn_network import TwoStageNetwork
-from pretouch_detector.overlap import intersection
+from pretouch_detector.overlap import common_areas
 from pretouch_detector.proposals.random import allowed
 from pretouch_detector.proposals.two_stage import regions
 from scenes import Box, View, World, looking
@@ -67,7 +67,7 @@ def test_regions_are_allowed_differ_and_come_by_their_errors(world: World, view:
     np.testing.assert_allclose([region.confidence for region in found], expected, atol=1e-5)
     areas = rectangles[:, 2] * rectangles[:, 3]
     for k in range(1, count):
-        common = intersection(rectangles[:k], rectangles[k])
+        common = common_areas(rectangles[k], rectangles[:k])
         assert (common / (areas[k] + areas[:k] - common) <= 0.6 + 1e-6).all()
 
 

@@ -1,60 +1,96 @@
-"""The area that rotated rectangles have in common, exactly, many at once."""
+"""The area that rotated rectangles have in common, exactly; all as [x, y, w, h, theta], compiled."""
 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
 from pretouch.geometry import Array
 
-_RIGHT, _DOWN = np.array([-0.5, 0.5, 0.5, -0.5]), np.array([-0.5, -0.5, 0.5, 0.5])
+_RIGHT, _DOWN = (-0.5, 0.5, 0.5, -0.5), (-0.5, -0.5, 0.5, 0.5)
 """The corners, in order along the outline, in units of the sides."""
-_NEXT = np.array([1, 2, 3, 0])
 _FLAT = 1e-12
 """A length below which an edge's extent counts as this one; it bounds a wrong share by as much."""
 
 
 def overlap(first: ArrayLike, second: ArrayLike) -> Array:
-    """(n, m) in [0, 1]: intersection over union of (n, 5) and (m, 5) as [x, y, w, h, theta], all with all."""
-    some, others = (np.asarray(each, dtype=np.float64) for each in (first, second))
-    reach = _radius(some)[:, None] + _radius(others)
-    near, far = np.nonzero(((some[:, None, :2] - others[:, :2]) ** 2).sum(axis=2) < reach**2)
-    common = intersection(some[near], others[far])
-    union = some[near, 2] * some[near, 3] + others[far, 2] * others[far, 3] - common
-    found = np.zeros_like(reach)
-    found[near, far] = common / union
-    return found
+    """(n, m) in [0, 1]: intersection over union of (n, 5) and (m, 5), all with all."""
+    some, others = (np.ascontiguousarray(each, dtype=np.float64).reshape(-1, 5) for each in (first, second))
+    shared: Array = _overlap(some, others)
+    return shared
 
 
-def intersection(first: ArrayLike, second: ArrayLike) -> Array:
-    """(...,): area that rectangles (..., 5) as [x, y, w, h, theta] have in common, pair by pair.
+def common_areas(rectangle: ArrayLike, others: ArrayLike) -> Array:
+    """(n,): area that the rectangle (5,) and each of the others (n, 5) have in common."""
+    one, many = (np.ascontiguousarray(each, dtype=np.float64).reshape(-1, 5) for each in (rectangle, others))
+    areas: Array = _common_areas(one[0], many)
+    return areas
+
+
+@njit(cache=True, nogil=True)
+def _overlap(first: Array, second: Array) -> Array:
+    shared = np.empty((len(first), len(second)))
+    for i in range(len(first)):
+        for j in range(len(second)):
+            shared[i, j] = share(first[i], second[j])
+    return shared
+
+
+@njit(cache=True, nogil=True)
+def _common_areas(rectangle: Array, others: Array) -> Array:
+    areas = np.empty(len(others))
+    for i in range(len(others)):
+        areas[i] = common_area(others[i], rectangle)
+    return areas
+
+
+@njit(cache=True, nogil=True)
+def share(first: Array, second: Array) -> float:
+    """Intersection over union of two rectangles (5,), in [0, 1]."""
+    reach = 0.5 * (np.hypot(first[2], first[3]) + np.hypot(second[2], second[3]))
+    if (first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 >= reach * reach:
+        return 0.0
+    common = common_area(first, second)
+    return common / (first[2] * first[3] + second[2] * second[3] - common)
+
+
+@njit(cache=True, nogil=True)
+def common_area(first: Array, second: Array) -> float:
+    """Area that two rectangles (5,) have in common, at least 0 and at most the smaller one's.
 
     The common area is the integral of an indicator, 1 in the second rectangle, over the first. By Green's theorem that
     is the integral of clamp(x, -W/2, W/2) + W/2 over dy along those parts of the first one's edges with |y| <= H/2, in
     the axes of the second, which is W wide and H high. Along an edge the integrand is piecewise linear, so the
     trapezoids between its bends are exact. Nothing depends on which corner is inside what, so that edges which coincide
-    are no special case. It is at least 0 and at most the smaller of the two areas.
+    are no special case.
     """
-    some, others = np.broadcast_arrays(np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64))
-    x, y, w, h, theta = np.moveaxis(some, -1, 0)
-    middle_x, middle_y, width, height, axis = np.moveaxis(others, -1, 0)
+    x, y, w, h, theta = first
+    middle_x, middle_y, width, height, axis = second
     c, s = np.cos(axis), np.sin(axis)
-    u, v = x - middle_x, y - middle_y
-    u, v = c * u + s * v, c * v - s * u
+    u, v = c * (x - middle_x) + s * (y - middle_y), c * (y - middle_y) - s * (x - middle_x)
     c, s = np.cos(theta - axis), np.sin(theta - axis)
-    right, down = np.multiply.outer(_RIGHT, w), np.multiply.outer(_DOWN, h)
-    x0, y0 = u + c * right - s * down, v + s * right + c * down
-    dx, dy = x0[_NEXT] - x0, y0[_NEXT] - y0
-    safe_dx, safe_dy = (np.where(np.abs(d) < _FLAT, _FLAT, d) for d in (dx, dy))
-    ends = np.array([(0.5 * height - y0) / safe_dy, (-0.5 * height - y0) / safe_dy]).clip(0.0, 1.0)
-    enter, leave = ends.min(axis=0), ends.max(axis=0)
-    sides = np.sort([(0.5 * width - x0) / safe_dx, (-0.5 * width - x0) / safe_dx], axis=0).clip(enter, leave)
-    bends = np.stack([enter, *sides, leave])
-    heights = (x0 + bends * dx + 0.5 * width).clip(0.0, width)
-    area = 0.5 * (dy * np.diff(bends, axis=0) * (heights[1:] + heights[:-1])).sum(axis=(0, 1))
-    return np.asarray(area.clip(0.0, np.minimum(w * h, width * height)), dtype=np.float64)
+    area = 0.0
+    for k in range(4):
+        n = (k + 1) % 4
+        x0, y0 = u + c * w * _RIGHT[k] - s * h * _DOWN[k], v + s * w * _RIGHT[k] + c * h * _DOWN[k]
+        dx = c * w * (_RIGHT[n] - _RIGHT[k]) - s * h * (_DOWN[n] - _DOWN[k])
+        dy = s * w * (_RIGHT[n] - _RIGHT[k]) + c * h * (_DOWN[n] - _DOWN[k])
+        safe_dx = _FLAT if abs(dx) < _FLAT else dx
+        safe_dy = _FLAT if abs(dy) < _FLAT else dy
+        low, high = (-0.5 * height - y0) / safe_dy, (0.5 * height - y0) / safe_dy
+        enter, leave = min(max(min(low, high), 0.0), 1.0), min(max(max(low, high), 0.0), 1.0)
+        left, right = (-0.5 * width - x0) / safe_dx, (0.5 * width - x0) / safe_dx
+        near, far = min(max(min(left, right), enter), leave), min(max(max(left, right), enter), leave)
+        before = _beyond(x0 + enter * dx, width)
+        at_near, at_far = _beyond(x0 + near * dx, width), _beyond(x0 + far * dx, width)
+        after = _beyond(x0 + leave * dx, width)
+        trapezoids = (near - enter) * (before + at_near) + (far - near) * (at_near + at_far)
+        area += 0.5 * dy * (trapezoids + (leave - far) * (at_far + after))
+    return min(max(area, 0.0), min(w * h, width * height))
 
 
-def _radius(rectangles: Array) -> Array:
-    """(n,): half the diagonals."""
-    return np.asarray(np.hypot(rectangles[:, 2], rectangles[:, 3]) / 2, dtype=np.float64)
+@njit(cache=True, nogil=True)
+def _beyond(x: float, width: float) -> float:
+    """How far x lies beyond a rectangle's left side, at most its width."""
+    return min(max(x + 0.5 * width, 0.0), width)

@@ -9,7 +9,7 @@ import grpc.aio
 
 from pretouch.serving import Kit
 from pretouch.v1 import detector_pb2, detector_pb2_grpc
-from pretouch_detector.proposals import deep, narf
+from pretouch_detector.proposals import deep, warm_up
 from pretouch_detector.servicer import DetectorServicer
 
 
@@ -17,15 +17,6 @@ from pretouch_detector.servicer import DetectorServicer
 async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
     """Serves `pretouch.v1.DetectorService`."""
     await kit.cpu(deep.warm_up, kit.settings.workers)
-    await kit.cpu(_compile)
-    await kit.cpu(narf.warm_up)
+    await kit.cpu(warm_up)
     detector_pb2_grpc.add_DetectorServiceServicer_to_server(DetectorServicer(kit), server)
     yield (detector_pb2.DESCRIPTOR.services_by_name["DetectorService"].full_name,)
-
-
-def _compile() -> None:
-    from pretouch_detector.proposals import displaced, from_above, paths  # here, since numba takes a second to import
-
-    from_above.warm_up()
-    paths.warm_up()
-    displaced.warm_up()

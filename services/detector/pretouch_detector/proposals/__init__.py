@@ -5,26 +5,23 @@ A proposer is a function `(scene, sensor, count, rng) -> list[ProposedRegion]`, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
+from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput, Unavailable
+from pretouch.geometry import Plane, Pose
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Sensor
-from pretouch_detector.proposals import deep, narf, random, stability
 from pretouch_detector.proposals.region import ProposedRegion
 
 MAX_REGIONS = 200
-_PROPOSERS: dict[Proposer, Callable[[Scene, Sensor, int, np.random.Generator], list[ProposedRegion]]] = {
-    Proposer.DEEP: deep.propose,
-    Proposer.STABILITY: stability.propose,
-    Proposer.RANDOM: random.propose,
-    Proposer.NARF: narf.propose,
-}
-"""The best first."""
+_PROPOSERS = (Proposer.DEEP, Proposer.STABILITY, Proposer.RANDOM, Proposer.NARF)
+"""The best first; each is the module of its name."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +50,27 @@ def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int,
     if obstacle := _obstacle(chosen):
         names = ", ".join(name for name, reason in readiness() if not reason)
         raise Unavailable(f"The proposer {chosen} is not ready: {obstacle}", f"Choose one of {names}.")
-    return Proposals(chosen, _PROPOSERS[chosen](scene, sensor, count, np.random.default_rng(seed)))
+    regions: list[ProposedRegion] = _module(chosen).propose(scene, sensor, count, np.random.default_rng(seed))
+    return Proposals(chosen, regions)
 
 
 def _obstacle(proposer: Proposer) -> str:
-    return deep.not_ready() if proposer is Proposer.DEEP else ""
+    reason: str = _module(proposer).not_ready() if proposer is Proposer.DEEP else ""
+    return reason
+
+
+def warm_up() -> None:
+    """Compiles or loads all that requests need of the proposers that are ready."""
+    depth = np.ones((24, 24), np.float32)
+    mask = np.zeros(depth.shape, np.bool_)
+    mask[8:16, 8:16] = True
+    camera, table = Camera(500.0, 500.0, 11.5, 11.5), Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+    scene = Scene(DepthImage(depth), camera, Pose.identity(), mask, table)
+    for proposer, reason in readiness():
+        if not reason:
+            propose(scene, proposer, Sensor(), 1, 0)
+
+
+def _module(proposer: Proposer) -> Any:
+    """Imported when it is first asked, since numba takes a second to import."""
+    return import_module(f"{__name__}.{proposer.value}")

@@ -12,14 +12,6 @@ _TERMS = 21
 """Entries of a symmetric (6, 6)'s lower triangle, row by row."""
 
 
-def warm_up() -> None:
-    """Compiles the kernel, which is kept beside the package or in NUMBA_CACHE_DIR."""
-    one = np.ones((1, 1))
-    mean_square(
-        np.ones((1, 1, 6)), np.zeros(2), 1.0, np.zeros((1, 1, 2)), one[0], np.zeros((1, 3)), np.eye(6), np.eye(6)
-    )
-
-
 @njit(cache=True, nogil=True)
 def mean_square(
     rows: Array, corner: Array, cell: float, paths: Array, independent: Array, shifts: Array, precision: Array,

@@ -9,12 +9,6 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 
 
-def warm_up() -> None:
-    """Compiles the kernel, which is kept beside the package or in NUMBA_CACHE_DIR."""
-    one = np.ones((1, 1))
-    from_above(one.astype(np.float32), one > 0, np.ones(4), np.eye(3), np.zeros(3), 0.01, np.zeros(2), 1.0, (1, 1))
-
-
 @njit(cache=True, nogil=True)
 def from_above(
     depth: NDArray[np.float32], mask: NDArray[np.bool_], camera: Array, turn: Array, shift: Array, band: float,

@@ -20,6 +20,8 @@ from pretouch.estimate import Prior
 from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
+from pretouch_detector.proposals.displaced import mean_square
+from pretouch_detector.proposals.paths import paths
 from pretouch_detector.proposals.relief import Relief, relief
 
 _HEIGHT_STD = 0.002
@@ -54,9 +56,6 @@ def remaining_error(scene: Scene, sensor: Sensor, rectangles: Array, prior: Prio
     Args:
         rectangles: (n, 5) as [x, y, w, h, theta], px and rad.
     """
-    from pretouch_detector.proposals.displaced import mean_square  # here, since numba takes a second to import
-    from pretouch_detector.proposals.paths import paths
-
     prior = prior or Prior()
     seen = relief(scene)
     boxes = np.ascontiguousarray(rectangles, dtype=np.float64)

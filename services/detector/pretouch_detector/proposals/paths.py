@@ -11,11 +11,6 @@ _STEPS = 120
 """Pixels of a perimeter that are looked at, evenly."""
 
 
-def warm_up() -> None:
-    """Compiles the kernel, which is kept beside the package or in NUMBA_CACHE_DIR."""
-    paths(np.ones((1, 5)), np.zeros((1, 1, 2)), (0, 0), 1, np.zeros((1, 1)), np.zeros(2), 1.0, 1.0, 1)
-
-
 @njit(cache=True, nogil=True)
 def paths(
     rectangles: Array, places: Array, first: tuple[int, int], step: int, away: Array, corner: Array, cell: float,

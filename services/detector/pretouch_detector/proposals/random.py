@@ -10,7 +10,7 @@ from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
-from pretouch_detector.overlap import intersection
+from pretouch_detector.overlap import common_areas
 from pretouch_detector.proposals.region import ProposedRegion
 
 MIN_OVERLAP = 0.15
@@ -80,6 +80,6 @@ def _bounding(scene: Scene) -> tuple[Array, Array]:
 
 def _overlapping(rectangles: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     bounding = np.concatenate([(low + high) / 2, high - low, [0.0]])
-    common = intersection(rectangles, bounding)
+    common = common_areas(bounding, rectangles)
     union = rectangles[:, 2] * rectangles[:, 3] + np.prod(high - low) - common
     return np.asarray(common / union >= MIN_OVERLAP, dtype=np.bool_)

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from pretouch.geometry import Array
 from pretouch.scene import Scene
+from pretouch_detector.proposals.from_above import from_above
 
 AROUND = 0.05
 """m of table around the object that are mapped."""
@@ -60,8 +61,6 @@ class Relief:
 
 def relief(scene: Scene) -> Relief:
     """What the camera saw within AROUND of the object."""
-    from pretouch_detector.proposals.from_above import from_above  # here, since numba takes a second to import
-
     table_T_base = scene.table.frame().inverse()
     body = table_T_base.apply(scene.cloud)
     centroid = body.mean(axis=0)

@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch.camera import Camera, DepthImage
-from pretouch.geometry import Plane, Pose
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
+from pretouch_detector.proposals.narf.features import features
+from pretouch_detector.proposals.narf.rectangles import region
 from pretouch_detector.proposals.region import ProposedRegion
 
 SUPPORT = 0.05
@@ -29,9 +30,6 @@ _SETTLED_PX = 12
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
     """Up to `count` regions, one for each keypoint and so often fewer; nothing in them is left to chance."""
-    from pretouch_detector.proposals.narf.features import features  # here, since numba takes a second to import
-    from pretouch_detector.proposals.narf.rectangles import region
-
     depths, focal_length = scene.depth.metres[scene.mask], min(scene.camera.fx, scene.camera.fy)
     near, middle = (float(np.percentile(depths, q)) for q in (1, 50))
     step = max(1, int(_PITCH * focal_length / near), int(np.ceil(np.sqrt(depths.size / _MOST_PIXELS))))
@@ -47,13 +45,3 @@ def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) 
     ]
     regions.sort(key=lambda region: -region.confidence)
     return [ProposedRegion(r.rectangle.shifted(u0, v0), r.confidence) for r in regions[:count]]
-
-
-def warm_up() -> None:
-    """Compiles or loads all that a request needs."""
-    depth = np.ones((24, 24), np.float32)
-    mask = np.zeros(depth.shape, np.bool_)
-    mask[8:16, 8:16] = True
-    camera, table = Camera(500.0, 500.0, 11.5, 11.5), Plane(np.array([0.0, 0.0, 1.0]), 0.0)
-    scene = Scene(DepthImage(depth), camera, Pose.identity(), mask, table)
-    propose(scene, Sensor(), 1, np.random.default_rng(0))
