@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from kept import Kept
-from one_scan import CANDIDATES, PAPER, Job, Row, prepare, run_job
+from one_scan import ALGORITHM_1, CANDIDATES, PAPER, Job, Row, prepare, run_job
 from pretouch_detector.proposals import readiness
 from pretouch_simulation.workers import in_workers
 from rich.console import Console
@@ -22,7 +22,7 @@ RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 PROPOSERS = (Proposer.RANDOM, Proposer.NARF, Proposer.STABILITY, Proposer.DEEP)
 _SECONDS = {"ideal": 0.18, "vl6180x": 0.35, PAPER: 0.015}
 """Of one core, for one scan and its match."""
-_VIEW_SECONDS = 1.0
+_VIEW_SECONDS, _LABELLED_VIEW_SECONDS = 1.0, 12.0
 
 
 def ready(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
@@ -82,4 +82,5 @@ def jobs_of(
 
 def _cost(job: Job) -> float:
     """s of one core."""
-    return _VIEW_SECONDS + job.count * job.offsets * _SECONDS[job.setup]
+    view = _LABELLED_VIEW_SECONDS if job.subject == ALGORITHM_1 else _VIEW_SECONDS
+    return view + job.count * job.offsets * _SECONDS[job.setup]

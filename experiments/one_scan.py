@@ -17,6 +17,8 @@ from pretouch_detector.model import rcnn_network
 from pretouch_detector.model.weights import FOLDER
 from pretouch_detector.proposals import propose, two_stage
 from pretouch_detector.proposals.region import ProposedRegion
+from pretouch_detector.spread import spread
+from pretouch_detector.training import trials
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Settings, register
 from pretouch_simulation.finger import FingerModel, sensor_of
@@ -39,6 +41,9 @@ CANDIDATES = "candidates"
 """The subject that is no proposer's: random rectangles among which the oracle chooses."""
 RCNN = "rcnn"
 """The subject whose regions are those of the two-stage network, which no service proposes."""
+ALGORITHM_1 = "algorithm 1"
+"""The subject whose regions are the best of a thousand by the paper's Algorithm 1, run on the view itself: what a
+network that is taught by such labels could at best propose."""
 PAPER = "paper"
 _SESSION_REGIONS = 20
 """A session asks its detector for so many; the first of them count."""
@@ -69,7 +74,7 @@ class Job:
     Attributes:
         setup: "ideal" or "vl6180x", the finger on the displaced mesh and engine `posterior`; "paper", the paper's own
             setting, the source cut out of the moved cloud and engine `paper`.
-        subject: a proposer's name, CANDIDATES or RCNN.
+        subject: a proposer's name, CANDIDATES, RCNN or ALGORITHM_1.
         count: rectangles; a proposer may give fewer.
         offsets: hidden calibration errors.
     """
@@ -179,6 +184,8 @@ def _scored(job: Job) -> dict[str, Any]:
     foretold = job.subject == CANDIDATES and job.setup != PAPER
     if job.subject == RCNN:
         regions = two_stage.regions(rcnn_network.load(FOLDER, 1), view.scene, job.count)
+    elif job.subject == ALGORITHM_1:
+        regions = _by_labels(view.scene, job)
     else:
         proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
         regions = first_regions(view.scene, proposer, finger, job.count)
@@ -193,6 +200,13 @@ def _scored(job: Job) -> dict[str, Any]:
         "foreseen": np.round(foreseen, 7).tolist(),
         "pathless": pathless,
     }
+
+
+def _by_labels(scene: Scene, job: Job) -> list[ProposedRegion]:
+    rng = generator("algorithm 1", job.seed, job.target.name)
+    rectangles, scores = trials.label(scene, trials.Settings(), rng, threads=1)
+    ranked = rectangles[np.argsort(scores.max(axis=1), kind="stable")]
+    return [ProposedRegion(RotatedRectangle(*ranked[k]), 0.5) for k in spread(ranked, job.count)]
 
 
 def _truths(view: LabelView, job: Job) -> list[Pose]:

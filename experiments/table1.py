@@ -5,7 +5,8 @@
         [--out docs/results]
 
 Each of a proposer's first ten rectangles on each view of each mesh is scanned alone with `--offsets` hidden calibration
-errors. On the first `--oracle-views` views so are `--candidates` random rectangles, for the oracle. Writes table1.md,
+errors. On the first `--oracle-views` views so are `--candidates` random rectangles, for the oracle, and in the
+paper's setting the ten that its own Algorithm 1 finds best on the view itself. Writes table1.md,
 table1.json (every error) and table1.png. DIR is data/meshes/table1 of PRETOUCH_SHARED unless given. A run that was
 stopped goes on when it is started again. Rows of an earlier table1.json stay in it where they fit beside this run's:
 another proposer, setting or sensor can be added later.
@@ -22,7 +23,7 @@ from pathlib import Path
 
 from collecting import PROPOSERS, SHARED, collect, jobs_of, ready
 from command_line import start
-from one_scan import CANDIDATES, PAPER, Job, Row, Target
+from one_scan import ALGORITHM_1, CANDIDATES, PAPER, Job, Row, Target
 from one_scan_picture import save
 from one_scan_text import section
 from pretouch_simulation.finger import FingerModel
@@ -34,7 +35,7 @@ from pretouch.session import Proposer
 
 FIRST = 10
 SETTINGS = ("real", PAPER)
-_ORDER = (CANDIDATES, *PROPOSERS)
+_ORDER = (CANDIDATES, *PROPOSERS, ALGORITHM_1)
 
 
 def main() -> None:
@@ -92,6 +93,8 @@ def jobs_for(arguments: argparse.Namespace, proposers: Sequence[Proposer]) -> li
                 candidates = arguments.candidates if wanted else 0
                 target = Target(path, view)
                 jobs += jobs_of(target, setup, proposers, arguments.offsets, arguments.seed, FIRST, candidates)
+                if candidates and setup == PAPER:
+                    jobs.append(Job(target, setup, ALGORITHM_1, FIRST, arguments.offsets, arguments.seed))
     return jobs
 
 

@@ -180,6 +180,7 @@ def test_table1_is_made_and_another_proposer_can_be_added(meshes: Path, tmp_path
     assert [(one["subject"], len(one["errors"]), len(one["errors"][0])) for one in first] == [
         ("candidates", 12, 2),
         ("random", 10, 2),
+        ("algorithm 1", 10, 2),
     ]
     assert not (tmp_path / "table1.partial").exists()
     # With the same offsets and the same seed, the first ten candidates are proposer random's.
@@ -187,11 +188,11 @@ def test_table1_is_made_and_another_proposer_can_be_added(meshes: Path, tmp_path
     done = run_table1(meshes, tmp_path, *options, "--proposers", "stability", "--candidates", "0")
     assert done.returncode == 0, done.stderr[-2000:]
     content = json.loads((tmp_path / "table1.json").read_text())
-    assert [one["subject"] for one in content["rows"]] == ["candidates", "random", "stability"]
-    assert content["rows"][:2] == first
+    assert [one["subject"] for one in content["rows"]] == ["candidates", "random", "stability", "algorithm 1"]
+    assert [content["rows"][k] for k in (0, 1, 3)] == first
     assert len(content["commands"]) == 2
     text = (tmp_path / "table1.md").read_text()
-    assert "| object | random | stability |" in text
+    assert "| object | random | stability | algorithm 1 |" in text
     assert "oracle: its 10 best" in text
     assert (tmp_path / "table1.png").stat().st_size > 1000
 
