@@ -24,7 +24,7 @@ from pretouch_detector.spread import spread
 WEIGHTS = Weights(FOLDER, "scorer")
 _MARGIN = 0.13
 """m around the object that the network may see: a session's view has about as much, and the network learned by it."""
-_CANDIDATES, _ASKED = 320, 160
+_CANDIDATES, _ASKED = 480, 240
 """Drawn, and of them the best by `stability` that the network is asked about; of each at least as many as wanted."""
 
 
