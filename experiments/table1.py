@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> None:
     command = shlex.join(["python", "experiments/table1.py", *sys.argv[1:]])
     earlier, commands = fitting(out / "table1.json", rows, jobs)
     rows = sorted([*earlier, *rows], key=lambda row: (row.target, _ORDER.index(row.subject)))
-    commands = [*commands, command]
+    commands = list(dict.fromkeys([*commands, command]))
     setups = [setup for setup in _setups(SETTINGS, list(FingerModel)) if any(row.setup == setup for row in rows)]
     content = {"commands": commands, "not_ready": missing, "rows": [row.as_dict() for row in rows]}
     (out / "table1.json").write_text(json.dumps(content) + "\n")
