@@ -52,12 +52,6 @@ class Relief:
     step: int
     spread: Array
 
-    def index(self, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """The cells of places (..., 2), m; the nearest cell for a place beside the grid."""
-        cells = np.rint((places - self.corner) / self.cell).astype(np.intp)
-        nx, ny = self.height.shape
-        return cells[..., 0].clip(0, nx - 1), cells[..., 1].clip(0, ny - 1)
-
 
 def relief(scene: Scene) -> Relief:
     """What the camera saw within AROUND of the object."""
@@ -71,8 +65,7 @@ def relief(scene: Scene) -> Relief:
 
     near, first = scene.cropped(AROUND)
     step = int(np.ceil(np.sqrt(near.mask.size / _MOST_PIXELS)))
-    depth = np.ascontiguousarray(near.depth.metres[::step, ::step])
-    mask = np.ascontiguousarray(near.mask[::step, ::step])
+    depth, mask = near.depth.metres[::step, ::step].copy(), near.mask[::step, ::step].copy()
     c = near.camera
     camera = np.array([c.fx, c.fy, c.cx, c.cy]) / step
     table_T_camera = table_T_base @ scene.base_T_camera
