@@ -21,9 +21,11 @@ from pretouch_sensor_gateway.calibration.model import ModuleCalibration
 PATIENCE = 60.0
 CTRL_C, ENTER = b"\x03", b"\r"
 PLAIN = ModuleCalibration(0.003, 1.02, 0.0, 0.0007, 0.01)
-# the first terminal that the leader of a session opens becomes the one whose Ctrl-C it gets
+# the first terminal that the leader of a session opens becomes the one whose Ctrl-C it gets; a shell there would not
+# ignore Ctrl-C, though what started this suite may have
 PROGRAM = """
-import os, sys
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 terminal = os.open(sys.argv.pop(1), os.O_RDWR)
 for descriptor in range(3):
     os.dup2(terminal, descriptor)
