@@ -211,6 +211,8 @@ def picture(growth: dict[str, list[dict[str, Any]]]) -> Figure:
             slope = np.polyfit(np.log(sizes), np.log(np.maximum(seconds, 1e-4)), 1)[0]
             axes.loglog(sizes, seconds, "o-", label=f"{label}: slope {slope:.2f}")
         axes.set(xlabel=what, title=f"Time against {what}")
+        axes.set_xticks(sizes, [f"{size:.0f}" for size in sizes])
+        axes.xaxis.set_minor_formatter("")
         axes.grid(which="both", alpha=0.3)
         axes.legend()
     figure.axes[0].set_ylabel("CPU s an image, engine paper")
