@@ -14,7 +14,7 @@ CLEARANCE = 0.15
 TRAVEL_SPEED = 0.25
 """m/s away from the object."""
 _TURN_SPEED = 1.0  # rad/s
-_SHORTEST = 1e-3  # s; a leg that takes less is left out
+_SHORTEST = 1e-3  # s, of a leg
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +69,10 @@ def _raised(base_T_tip: Array, up: Array, height: float) -> Array:
 
 
 def _append(times: list[float], poses: list[Array], pose: Array) -> None:
-    """A leg from the last pose to `pose` at TRAVEL_SPEED."""
+    """A leg from the last pose to `pose` at TRAVEL_SPEED; none if that is where the tip is."""
+    if np.array_equal(pose, poses[-1]):
+        return
     distance = float(np.linalg.norm(pose[:3, 3] - poses[-1][:3, 3]))
     angle = float(np.linalg.norm(vector_from_rotation(poses[-1][:3, :3].T @ pose[:3, :3])))
-    seconds = max(distance / TRAVEL_SPEED, angle / _TURN_SPEED)
-    if seconds > _SHORTEST:
-        times.append(times[-1] + seconds)
-        poses.append(pose)
+    times.append(times[-1] + max(distance / TRAVEL_SPEED, angle / _TURN_SPEED, _SHORTEST))
+    poses.append(pose)

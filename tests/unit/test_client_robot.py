@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pretouch_simulation.robot import DirectRobot, GatewayRobot
 from pretouch_simulation.robot_motion import CLEARANCE, TRAVEL_SPEED, around
@@ -35,6 +35,7 @@ scans = st.builds(
 
 @settings(max_examples=40)
 @given(scans, scans)
+@example(path((0.0, 0.0, 0.1), (0.02, 0.0, 0.1)), path((0.02, 1e-5, 0.1), (0.04, 0.0, 0.1)))
 def test_the_tip_lifts_travels_high_and_comes_down_along_the_beam(one: Trajectory, two: Trajectory) -> None:
     first = around(one, None)
     second = around(two, first.path.base_T_tip[-1])
