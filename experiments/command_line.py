@@ -1,4 +1,4 @@
-"""What the experiments that go on after they were stopped have in common on the command line."""
+"""What experiments that go on after they were stopped have in common on the command line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from pretouch.errors import PretouchError
 
 def start(parser: argparse.ArgumentParser, run: Callable[[argparse.Namespace], None]) -> None:
     """Adds the options that all have, and runs; what a user can put right is said in one line."""
-    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int)
     parser.add_argument("--out", type=Path, default=RESULTS)
     try:

@@ -42,8 +42,8 @@ CANDIDATES = "candidates"
 RCNN = "rcnn"
 """The subject whose regions are those of the two-stage network, which no service proposes."""
 ALGORITHM_1 = "algorithm 1"
-"""The subject whose regions are the best of a thousand by the paper's Algorithm 1, run on the view itself: what a
-network that is taught by such labels could at best propose."""
+"""The subject whose regions are the best of a thousand by the paper's Algorithm 1, run on the view itself: what
+labels so made point to."""
 PAPER = "paper"
 _SESSION_REGIONS = 20
 """A session asks its detector for so many; the first of them count."""

@@ -37,7 +37,7 @@ _NOTES = {
     PAPER: (
         "The error is over all of the object's points; the paper's Algorithm 1 counts those cut out alone. Numbers "
         "compare with the paper's in their order rather than in size. `algorithm 1` is no proposer: it runs 1000 "
-        "rectangles x 10 trials on the view itself, which is the most that labels so made can teach.\n",
+        "rectangles x 10 trials on the view itself, which is what labels so made point to.\n",
     )
 }
 _DASH = "–"

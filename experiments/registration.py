@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import shlex
 import sys
 import time
@@ -23,6 +22,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from collecting import SHARED
+from command_line import start
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.evaluation import Protocol, steps_of
 from pretouch_simulation.evaluation_markdown import compared, comparison_table, engine_table
@@ -40,10 +41,8 @@ from pretouch_simulation.worst import diagnose, worst_runs
 from pretouch_simulation.worst_picture import Failure, save_worst
 from rich.console import Console
 
-from pretouch.errors import PretouchError
 from pretouch.session import Planner, Proposer
 
-SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).resolve().parents[2] / "shared"))
 ENGINES = [*(engine for engine in Engine if engine is not Engine.POSTERIOR), Engine.POSTERIOR]
 SCANS_TOLD, SCANS_DRAWN, SCANS_FAILED = (0, 1, 2, 3, 5), (1, 2, 4), (1, 3)
 """After how many scans: lines of the tables; lines of the pictures; worst runs."""
@@ -72,14 +71,7 @@ def main() -> None:
     parser.add_argument("--engines", type=Engine, nargs="+", choices=list(Engine), default=ENGINES)
     parser.add_argument("--sensors", type=FingerModel, nargs="+", choices=list(FingerModel), default=list(FingerModel))
     parser.add_argument("--shared-scans", action="store_true", help="all engines match the scans that the last plans")
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[1] / "docs" / "results")
-    try:
-        run(parser.parse_args())
-    except PretouchError as error:
-        sys.exit(f"{error.detail} {error.remedy}")
-    except KeyboardInterrupt:
-        sys.exit("Interrupted. The same command goes on.")
+    start(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -56,6 +56,7 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=6)
     parser.add_argument("--sensor", type=FingerModel, choices=list(FingerModel), default=FingerModel.IDEAL)
     parser.add_argument("--pictures", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=0)
     start(parser, run)
 
 

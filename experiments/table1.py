@@ -51,6 +51,7 @@ def main() -> None:
     parser.add_argument("--candidates", type=int, default=60, help="0: no oracle")
     parser.add_argument("--oracle", nargs="*", choices=[*FingerModel, PAPER], default=[FingerModel.IDEAL, PAPER])
     parser.add_argument("--oracle-views", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=0)
     start(parser, run)
 
 

@@ -54,6 +54,7 @@ def main() -> None:
     parser.add_argument("--sensor", type=FingerModel, choices=list(FingerModel), default=FingerModel.IDEAL)
     parser.add_argument("--candidates", type=int, default=0, help="0: no oracle")
     parser.add_argument("--sheet", type=int, default=12, help="views on a contact sheet")
+    parser.add_argument("--seed", type=int, default=0)
     start(parser, run)
 
 

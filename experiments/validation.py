@@ -50,6 +50,7 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=30)
     parser.add_argument("--candidates", type=int, default=14)
     parser.add_argument("--offsets", type=int, default=8)
+    parser.add_argument("--seed", type=int, default=0)
     start(parser, run)
 
 
