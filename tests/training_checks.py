@@ -17,6 +17,7 @@ from pretouch_detector.model.rcnn import RotatedRCNN
 from pretouch_detector.model.scorer import OUTPUTS, Scorer, perimeter
 from pretouch_detector.model.weights import FOLDER, load
 from pretouch_detector.training.export import Served, export_scorer, restore
+from pretouch_detector.training.processes import processes
 from pretouch_detector.training.scorer_loss import scorer_loss
 from pretouch_detector.training.targets import Targets
 from pretouch_detector.training.trainer import Schedule, Trainer
@@ -131,16 +132,18 @@ def served_equals_torch(folder: Path) -> None:
 
 
 def shared(folder: Path) -> None:
-    """By torchrun: each process learns from its own views, and all come to the same weights."""
+    """By torchrun: each process learns from its own views; all come to the same weights and part before the end."""
     torch.manual_seed(0)
-    trainer = Trainer(Scorer(), scorer_loss, SCHEDULE, folder, CPU)
-    trainer.train(made_views(16), made_views(4, 1))
-    assert trainer.world == 2
-    mine = torch.cat([parameter.detach().flatten() for parameter in trainer.model.parameters()])
-    all_of_them = [torch.empty_like(mine) for _ in range(trainer.world)]
-    distributed.all_gather(all_of_them, mine)
-    torch.testing.assert_close(all_of_them[0], all_of_them[1], rtol=0, atol=0)
-    distributed.destroy_process_group()
+    with processes(CPU) as among:
+        trainer = Trainer(Scorer(), scorer_loss, SCHEDULE, folder, CPU, among)
+        trainer.train(made_views(16), made_views(4, 1))
+        assert among.world == 2
+        mine = torch.cat([parameter.detach().flatten() for parameter in trainer.model.parameters()])
+        all_of_them = [torch.empty_like(mine) for _ in range(among.world)]
+        distributed.all_gather(all_of_them, mine)
+        torch.testing.assert_close(all_of_them[0], all_of_them[1], rtol=0, atol=0)
+    names = [thread.read_text() for thread in Path("/proc/self/task").glob("*/comm")]
+    assert not [name for name in names if "gloo" in name], names
 
 
 def shipped(folder: Path) -> None:

@@ -19,6 +19,7 @@ from pretouch_detector.model.rcnn import RotatedRCNN
 from pretouch_detector.model.scorer import Scorer
 from pretouch_detector.training.curves import draw
 from pretouch_detector.training.export import export_scorer
+from pretouch_detector.training.processes import processes
 from pretouch_detector.training.rcnn_export import export_rcnn
 from pretouch_detector.training.rcnn_loss import rcnn_loss
 from pretouch_detector.training.scorer_loss import scorer_loss
@@ -63,14 +64,15 @@ def train(
     torch.manual_seed(seed)
     schedule = Schedule(epochs=epochs, batch=batch, rectangles=rectangles, rate=rate, seed=seed)
     network, loss, export = _PARTS[design]
-    trainer = Trainer(network(), loss, schedule, out, place)
-    views, validation = load(dataset, "train"), load(dataset, "validation")
-    try:
-        trainer.train(views, validation)
-    except KeyboardInterrupt:
-        console.print(f"Interrupted. {len(trainer.log)} of {epochs} epochs are kept; the same command goes on.")
-        raise typer.Exit(_INTERRUPTED) from None
-    if trainer.rank > 0:
+    with processes(place) as among:
+        trainer = Trainer(network(), loss, schedule, out, place, among)
+        views, validation = load(dataset, "train"), load(dataset, "validation")
+        try:
+            trainer.train(views, validation)
+        except KeyboardInterrupt:
+            console.print(f"Interrupted. {len(trainer.log)} of {epochs} epochs are kept; the same command goes on.")
+            raise typer.Exit(_INTERRUPTED) from None
+    if among.rank > 0:
         return
     facts = {
         "command": shlex.join(["pretouch", *sys.argv[1:]]),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,11 +19,12 @@ import torch
 from rich.console import Console
 from rich.progress import track
 from safetensors.torch import save_file
-from torch import Tensor, distributed, nn
+from torch import Tensor, nn
 
 from pretouch.errors import Conflict
 from pretouch_detector.training.augment import augmented
 from pretouch_detector.training.batch import Batch, batch_of
+from pretouch_detector.training.processes import ALONE, Processes
 from pretouch_detector.training.targets import Targets
 
 Loss = Callable[[Any, Batch], dict[str, Tensor]]
@@ -57,11 +57,17 @@ class Trainer:
         Conflict: the folder holds a run with another schedule.
     """
 
-    def __init__(self, model: nn.Module, loss: Loss, schedule: Schedule, run: Path, device: torch.device) -> None:
-        self.rank, self.world = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
-        if self.world > 1 and not distributed.is_initialized():
-            distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
+    def __init__(
+        self,
+        model: nn.Module,
+        loss: Loss,
+        schedule: Schedule,
+        run: Path,
+        device: torch.device,
+        among: Processes = ALONE,
+    ) -> None:
         self.model, self.loss, self.schedule, self.run, self.device = model.to(device), loss, schedule, run, device
+        self.among = among
         self.averaged = torch.optim.swa_utils.AveragedModel(
             self.model, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(schedule.average), use_buffers=True
         )
@@ -72,12 +78,12 @@ class Trainer:
 
     def train(self, views: Sequence[Targets], validation: Sequence[Targets]) -> None:
         """All epochs that are left; each ends with a checkpoint."""
-        steps = max(1, len(views) // (self.schedule.batch * self.world))
+        steps = max(1, len(views) // (self.schedule.batch * self.among.world))
         for epoch in range(len(self.log), self.schedule.epochs):
             entry = self._epoch(views, epoch, steps)
             entry |= {f"validation {name}": value for name, value in self.judged(validation).items()}
             self.log.append(entry)
-            if self.rank == 0:
+            if self.among.rank == 0:
                 self._save()
 
     @torch.no_grad()
@@ -96,19 +102,19 @@ class Trainer:
         self.model.train()
         size = self.schedule.batch
         order = np.random.default_rng((self.schedule.seed, epoch)).permutation(len(views))
-        rng = np.random.default_rng((self.schedule.seed, epoch, self.rank))
+        rng = np.random.default_rng((self.schedule.seed, epoch, self.among.rank))
         torch.manual_seed(int(rng.integers(2**31)))
         sums: dict[str, float] = {}
         console = Console(stderr=True)
         title = f"epoch {epoch + 1} of {self.schedule.epochs}"
-        for step in track(range(steps), title, console=console, disable=self.rank > 0, transient=True):
-            first = (step * self.world + self.rank) * size
+        for step in track(range(steps), title, console=console, disable=self.among.rank > 0, transient=True):
+            first = (step * self.among.world + self.among.rank) * size
             chosen = [augmented(views[k], rng) for k in order[first : first + size]]
             self._set_rate((epoch * steps + step) / (self.schedule.epochs * steps))
             terms = self.loss(self.model, batch_of(chosen, self.schedule.rectangles, rng, self.device))
             self.optimiser.zero_grad(set_to_none=True)
             torch.stack(list(terms.values())).sum().backward()
-            self._share_gradients()
+            self.among.share_gradients(self.model)
             nn.utils.clip_grad_norm_(self.model.parameters(), 2.0)
             self.optimiser.step()
             self.averaged.update_parameters(self.model)
@@ -120,16 +126,6 @@ class Trainer:
         warm = min(1.0, share / 0.05 + 0.01)
         for group in self.optimiser.param_groups:
             group["lr"] = self.schedule.rate * warm * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
-
-    def _share_gradients(self) -> None:
-        """The mean over all processes; a loss may call a model's parts by themselves, which DDP would not see."""
-        if self.world == 1:
-            return
-        for parameter in self.model.parameters():
-            if parameter.grad is None:
-                parameter.grad = torch.zeros_like(parameter)
-            distributed.all_reduce(parameter.grad)
-            parameter.grad /= self.world
 
     def _save(self) -> None:
         state = {
