@@ -40,7 +40,7 @@ def remaining(arms: Tensor, directions: Tensor) -> Tensor:
         ],
         dim=-1,
     )
-    prior = torch.tensor(_PRIOR, dtype=d.dtype, device=d.device)
+    prior = d.new_tensor(_PRIOR)
     rows = (torch.cat([turns, d], dim=-1) * prior).flatten(-3, -2)  # (..., k p, 6)
     information = rows.transpose(-1, -2) @ rows + torch.eye(6, dtype=d.dtype, device=d.device)
     return torch.diagonal(inverse(information), dim1=-2, dim2=-1) * prior**2
