@@ -36,7 +36,7 @@ ALONE = Processes(0, 1)
 
 @contextmanager
 def processes(device: torch.device) -> Iterator[Processes]:
-    """All of them, as the environment tells, joined until the block ends well.
+    """All of them, as the environment tells, joined until the block ends well; with CUDA each takes a GPU of its own.
 
     A block that fails leaves the others alone: parting waits for all, and torchrun ends them.
     """
@@ -44,6 +44,8 @@ def processes(device: torch.device) -> Iterator[Processes]:
     if world == 1:
         yield ALONE
         return
+    if device.type == "cuda":
+        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
     distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
     yield Processes(rank, world)
     distributed.destroy_process_group()
