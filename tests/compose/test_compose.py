@@ -106,10 +106,14 @@ class Deployment:
     def inside(self, service: str, script: str) -> str:
         return run("docker", "exec", self.container(service), "sh", "-c", script)
 
+    def healthy(self) -> bool:
+        """The engine asks at intervals, so it may say so later than the services themselves."""
+        return all(self.inspected(service)["State"]["Health"]["Status"] == "healthy" for service in SERVICES)
+
     def wait_until_ready(self) -> None:
         for _ in range(10 * SECONDS):
             with suppress(httpx.HTTPError):
-                if httpx.get(f"{self.rest}/readyz", timeout=SECONDS).status_code == 200:
+                if httpx.get(f"{self.rest}/readyz", timeout=SECONDS).status_code == 200 and self.healthy():
                     return
             time.sleep(0.1)
         raise AssertionError(self.do("logs", "--tail", "20"))
