@@ -13,6 +13,10 @@ from pretouch.geometry import Array, Pose, frozen_array
 _HALF = np.random.default_rng(0).standard_normal((512, 6))
 _NORMAL = np.concatenate([_HALF, -_HALF])
 _MAX_POINTS = 64
+_ROUNDING = 1e-6
+"""By how much probabilities may miss their sum."""
+_SAME_PLACE = 1e-6
+"""m, or an entry of the rotation matrix: two corrections that differ by less are one."""
 _SUREST = 1e-6
 """m or rad: the square of a much smaller deviation would be lost among the rounding errors of the others."""
 
@@ -59,6 +63,29 @@ class WeakDirection:
 
 
 @dataclass(frozen=True, eq=False)
+class Mode:
+    """A place that explains the samples.
+
+    Attributes:
+        base_T_correction: maps a point where the camera put it to where this place has it, both in base.
+        weight: in (0, 1], the probability of this place among the modes of its estimate.
+
+    Raises:
+        InvalidInput: a weight out of its limits.
+        Malformed: a weight that is not finite.
+    """
+
+    base_T_correction: Pose
+    weight: float
+
+    def __post_init__(self) -> None:
+        weight = float(frozen_array(self.weight, (), "modes.weight"))
+        if not 0 < weight <= 1 + _ROUNDING:
+            raise InvalidInput(f"modes.weight is {weight:g}.", "Need a probability above 0, at most 1.")
+        object.__setattr__(self, "weight", weight)
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """A corrected pose with its uncertainty.
 
@@ -73,8 +100,16 @@ class Estimate:
         inliers: samples that agree with the estimate.
         samples: samples used.
         rmse: m, root mean square residual of the inliers; 0 without any.
-        several_modes: another place, apart from this one, agrees nearly as well; the covariance covers both. Over gRPC
-            and in files only: the REST contract has no member for it.
+        modes: the places that explain the samples, this one first; their weights sum to 1. Left out: this one alone.
+            The covariance covers them all.
+        fit: in [0, 1], the p-value of the samples under the answer: the probability that samples of the object standing
+            there would agree with it no better than these do. 1 before the first scan.
+        sensor_problem: why the samples are no measurements (stuck, dead, noise that no sensor has, a unit off by 10 or
+            1000), in one sentence; empty: they are. The REST contract shows it in a session's reason only.
+
+    Raises:
+        InvalidInput: a fit out of its limits, modes that do not sum to 1 or of which the first is another place.
+        Malformed: a fit that is not finite.
     """
 
     base_T_correction: Pose
@@ -86,7 +121,25 @@ class Estimate:
     inliers: int = 0
     samples: int = 0
     rmse: float = 0.0
-    several_modes: bool = False
+    modes: tuple[Mode, ...] = ()
+    fit: float = 1.0
+    sensor_problem: str = ""
+
+    def __post_init__(self) -> None:
+        fit = float(frozen_array(self.fit, (), "estimate.fit"))
+        if not 0 <= fit <= 1:
+            raise InvalidInput(f"estimate.fit is {fit:g}.", "Need a p-value, from 0 to 1.")
+        modes = self.modes or (Mode(self.base_T_correction, 1.0),)
+        total = sum(mode.weight for mode in modes)
+        if abs(total - 1) > _ROUNDING:
+            raise InvalidInput(f"The weights of estimate.modes sum to {total:g}.", "Need a sum of 1.")
+        if not np.allclose(modes[0].base_T_correction.matrix, self.base_T_correction.matrix, rtol=0, atol=_SAME_PLACE):
+            raise InvalidInput(
+                "The first of estimate.modes is another place than estimate.base_T_correction.",
+                "Name the answer itself first.",
+            )
+        object.__setattr__(self, "fit", fit)
+        object.__setattr__(self, "modes", tuple(modes))
 
 
 def point_error(

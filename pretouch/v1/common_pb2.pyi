@@ -508,6 +508,34 @@ class WeakDirection(_message.Message):
 Global___WeakDirection: _TypeAlias = WeakDirection  # noqa: Y015
 
 @_typing.final
+class Mode(_message.Message):
+    """A place that explains the samples."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    BASE_T_CORRECTION_FIELD_NUMBER: _builtins.int
+    WEIGHT_FIELD_NUMBER: _builtins.int
+    weight: _builtins.float
+    """Probability of this place among the estimate's modes, in (0, 1]."""
+    @_builtins.property
+    def base_t_correction(self) -> Global___Pose:
+        """Maps a point where the camera put it to where this place has it, both in base."""
+
+    def __init__(
+        self,
+        *,
+        base_t_correction: Global___Pose | None = ...,
+        weight: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_correction", b"base_t_correction"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_correction", b"base_t_correction", "weight", b"weight"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Mode: _TypeAlias = Mode  # noqa: Y015
+
+@_typing.final
 class Estimate(_message.Message):
     """A corrected pose and how sure it is."""
 
@@ -522,7 +550,9 @@ class Estimate(_message.Message):
     INLIERS_FIELD_NUMBER: _builtins.int
     SAMPLES_FIELD_NUMBER: _builtins.int
     RMSE_FIELD_NUMBER: _builtins.int
-    SEVERAL_MODES_FIELD_NUMBER: _builtins.int
+    MODES_FIELD_NUMBER: _builtins.int
+    FIT_FIELD_NUMBER: _builtins.int
+    SENSOR_PROBLEM_FIELD_NUMBER: _builtins.int
     expected_error: _builtins.float
     """Expected mean distance between estimated and true object points, metres."""
     error_quantile: _builtins.float
@@ -533,8 +563,14 @@ class Estimate(_message.Message):
     """Samples used."""
     rmse: _builtins.float
     """Root mean square residual of the inliers, metres."""
-    several_modes: _builtins.bool
-    """Another place, apart from this one, agrees nearly as well; the covariance covers both."""
+    fit: _builtins.float
+    """p-value of the samples under the answer, in [0, 1]: the probability that samples of the object standing there would
+    agree with it no better than these do. Left out: 1, as before the first scan.
+    """
+    sensor_problem: _builtins.str
+    """Why the samples are no measurements (stuck, dead, noise that no sensor has, a wrong unit), in one sentence; empty:
+    they are.
+    """
     @_builtins.property
     def base_t_correction(self) -> Global___Pose:
         """Maps a point where the camera put it to where it truly is, both in base."""
@@ -553,6 +589,10 @@ class Estimate(_message.Message):
     def unobservable(self) -> _containers.RepeatedCompositeFieldContainer[Global___WeakDirection]:
         """Directions still free, the weakest first."""
 
+    @_builtins.property
+    def modes(self) -> _containers.RepeatedCompositeFieldContainer[Global___Mode]:
+        """The places that explain the samples, this one first; their weights sum to 1. None: this one alone, of weight 1."""
+
     def __init__(
         self,
         *,
@@ -565,12 +605,16 @@ class Estimate(_message.Message):
         inliers: _builtins.int = ...,
         samples: _builtins.int = ...,
         rmse: _builtins.float = ...,
-        several_modes: _builtins.bool = ...,
+        modes: _abc.Iterable[Global___Mode] | None = ...,
+        fit: _builtins.float | None = ...,
+        sensor_problem: _builtins.str = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_correction", b"base_t_correction"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_fit", b"_fit", "base_t_correction", b"base_t_correction", "fit", b"fit"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_correction", b"base_t_correction", "centroid", b"centroid", "covariance", b"covariance", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "inliers", b"inliers", "rmse", b"rmse", "samples", b"samples", "several_modes", b"several_modes", "unobservable", b"unobservable"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_fit", b"_fit", "base_t_correction", b"base_t_correction", "centroid", b"centroid", "covariance", b"covariance", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "fit", b"fit", "inliers", b"inliers", "modes", b"modes", "rmse", b"rmse", "samples", b"samples", "sensor_problem", b"sensor_problem", "unobservable", b"unobservable"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__fit: _TypeAlias = _typing.Literal["fit"]  # noqa: Y015
+    _WhichOneofArgType__fit: _TypeAlias = _typing.Literal["_fit", b"_fit"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__fit) -> _WhichOneofReturnType__fit | None: ...
 
 Global___Estimate: _TypeAlias = Estimate  # noqa: Y015

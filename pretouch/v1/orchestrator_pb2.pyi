@@ -30,9 +30,9 @@ class _SessionStateEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_SessionS
     SESSION_STATE_AWAITING_SCAN: _SessionState.ValueType  # 1
     """The next scan is planned."""
     SESSION_STATE_CONVERGED: _SessionState.ValueType  # 2
-    """The tolerance is met."""
+    """The tolerance is met, and the answer explains the samples."""
     SESSION_STATE_EXHAUSTED: _SessionState.ValueType  # 3
-    """A budget is spent, or no region is left."""
+    """It ended without meeting the tolerance; see the reason."""
     SESSION_STATE_FAILED: _SessionState.ValueType  # 4
     """A fault after creation; see the reason."""
     SESSION_STATE_CANCELLED: _SessionState.ValueType  # 5
@@ -45,9 +45,9 @@ SESSION_STATE_UNSPECIFIED: SessionState.ValueType  # 0
 SESSION_STATE_AWAITING_SCAN: SessionState.ValueType  # 1
 """The next scan is planned."""
 SESSION_STATE_CONVERGED: SessionState.ValueType  # 2
-"""The tolerance is met."""
+"""The tolerance is met, and the answer explains the samples."""
 SESSION_STATE_EXHAUSTED: SessionState.ValueType  # 3
-"""A budget is spent, or no region is left."""
+"""It ended without meeting the tolerance; see the reason."""
 SESSION_STATE_FAILED: SessionState.ValueType  # 4
 """A fault after creation; see the reason."""
 SESSION_STATE_CANCELLED: SessionState.ValueType  # 5
@@ -56,7 +56,7 @@ Global___SessionState: _TypeAlias = SessionState  # noqa: Y015
 
 @_typing.final
 class Tolerance(_message.Message):
-    """Converged: the `confidence` quantile of the mean point error is at most `error`."""
+    """Converged: the `confidence` quantile of the mean point error is at most `error`, and the answer explains the samples."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -483,7 +483,11 @@ class Session(_message.Message):
     state: Global___SessionState.ValueType
     """Its state."""
     reason: _builtins.str
-    """Problem document (RFC 9457, JSON) of a failed session, else empty."""
+    """Why the session is EXHAUSTED or FAILED, else empty: a problem document (RFC 9457, JSON). Of an exhausted one its type
+    ends in "scans", "seconds", "fraction" (the budget that does not last for another scan), "nothing-to-gain" (no region
+    is left), "out-of-range" (nothing came back), "misfit" (the samples fit no pose) or "sensor" (they are no
+    measurements).
+    """
     proposer: _builtins.str
     """The proposer used."""
     planner: _builtins.str

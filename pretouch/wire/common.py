@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
-from pretouch.estimate import Estimate, Prior, WeakDirection
+from pretouch.estimate import Estimate, Mode, Prior, WeakDirection
 from pretouch.geometry import Plane, Pose
 from pretouch.mesh_target import MeshTarget
 from pretouch.rectangle import RotatedRectangle
@@ -202,7 +202,12 @@ def estimate_to_proto(estimate: Estimate) -> pb.Estimate:
         inliers=estimate.inliers,
         samples=estimate.samples,
         rmse=estimate.rmse,
-        several_modes=estimate.several_modes,
+        modes=[
+            pb.Mode(base_t_correction=pose_to_proto(mode.base_T_correction), weight=mode.weight)
+            for mode in estimate.modes
+        ],
+        fit=estimate.fit,
+        sensor_problem=estimate.sensor_problem,
     )
 
 
@@ -219,5 +224,10 @@ def estimate_from_proto(message: pb.Estimate) -> Estimate:
         inliers=message.inliers,
         samples=message.samples,
         rmse=message.rmse,
-        several_modes=message.several_modes,
+        modes=tuple(
+            Mode(pose_from_proto(mode.base_t_correction, "estimate.modes.base_t_correction"), mode.weight)
+            for mode in message.modes
+        ),
+        fit=message.fit if message.HasField("fit") else 1.0,
+        sensor_problem=message.sensor_problem,
     )

@@ -14,7 +14,7 @@ import numpy as np
 
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput
-from pretouch.estimate import Estimate, Prior, WeakDirection
+from pretouch.estimate import Estimate, Mode, Prior, WeakDirection
 from pretouch.geometry import Plane, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import (
@@ -175,6 +175,11 @@ def estimate_to_json(estimate: Estimate, base_T_object: Pose | None) -> dict[str
         "unobservable": [
             {"direction": weak.direction.tolist(), "std": weak.std, "text": weak.text} for weak in estimate.unobservable
         ],
+        "modes": [
+            {"base_T_correction": pose_to_json(mode.base_T_correction), "weight": mode.weight}
+            for mode in estimate.modes
+        ],
+        "fit": estimate.fit,
         "inliers": estimate.inliers,
         "samples": estimate.samples,
         "rmse": estimate.rmse,
@@ -190,6 +195,7 @@ def estimate_from_json(members: Members) -> Estimate:
         Members(value, f"{members.path('unobservable')}[{k}]", None)
         for k, value in enumerate(members.items("unobservable"))
     ]
+    modes = [Members(value, f"{members.path('modes')}[{k}]", None) for k, value in enumerate(members.items("modes"))]
     return Estimate(
         base_T_correction=members.pose("base_T_correction"),
         centroid=np.array(members.numbers("centroid", 3)),
@@ -203,6 +209,8 @@ def estimate_from_json(members: Members) -> Estimate:
         inliers=members.integer("inliers"),
         samples=members.integer("samples"),
         rmse=members.number("rmse"),
+        modes=tuple(Mode(each.pose("base_T_correction"), each.number("weight")) for each in modes),
+        fit=members.number("fit"),
     )
 
 

@@ -142,6 +142,13 @@ class WeakDirection(BaseModel):
     text: str
 
 
+class Mode(BaseModel):
+    """A place that explains the samples."""
+
+    base_T_correction: Pose = Field(description="Maps a point where the camera put it to where this place has it.")
+    weight: float = Field(gt=0, le=1, description="Its probability among the estimate's modes.")
+
+
 class Estimate(BaseModel):
     """The corrected pose and how sure it is."""
 
@@ -153,6 +160,8 @@ class Estimate(BaseModel):
     expected_error: float = Field(description="Metres: expected mean distance of estimated from true object points.")
     error_quantile: float = Field(description="Metres: the 95 % quantile of the same.")
     unobservable: list[WeakDirection]
+    modes: list[Mode] = Field(min_length=1, description="This place first; the weights sum to 1.")
+    fit: float = Field(ge=0, le=1, description="p-value of the samples under the answer; 1 before the first scan.")
     inliers: int
     samples: int
     rmse: float = Field(description="Metres.")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pretouch.estimate import Estimate, Prior, from_prior, point_error
+from pretouch.estimate import Estimate, Mode, Prior, from_prior, point_error
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
@@ -139,6 +139,7 @@ def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
     cloud = correction.apply(scene.cloud)
     expected, quantile = point_error(covariance, cloud, scene.centroid + x[3:])
     residuals, inlier = sample_residuals(x, *problem.arguments())
+    places = (x, *solution.others)
     return Estimate(
         base_T_correction=correction,
         centroid=scene.centroid,
@@ -149,5 +150,5 @@ def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
         inliers=int(inlier.sum()),
         samples=len(problem.beams),
         rmse=float(np.sqrt(np.mean(residuals[inlier] ** 2))) if inlier.any() else 0.0,
-        several_modes=len(solution.others) > 0,
+        modes=tuple(Mode(pose_of(place, scene.centroid), 1 / len(places)) for place in places),
     )

@@ -86,6 +86,8 @@ def _register(
     estimate = register(scene, scans, settings)
     if sum(len(each) for each in scans) and not estimate.samples:
         told.print("No sample lies near the target: are both in base, in metres?")
+    if estimate.sensor_problem:
+        told.print(f"The samples are no measurements: {estimate.sensor_problem}")
     if report is not None:
         _picture(report, scene, scans, estimate)
     corrected = estimate.base_T_correction @ base_T_object if base_T_object is not None else None
@@ -120,8 +122,10 @@ def _table(estimate: Estimate, base_T_object: Pose | None) -> Table:
     table.add_row("95 % of errors below", f"{1000 * estimate.error_quantile:.2f} mm")
     table.add_row("inliers", f"{estimate.inliers} of {estimate.samples} samples")
     table.add_row("rmse of the inliers", f"{1000 * estimate.rmse:.2f} mm")
-    if estimate.several_modes:
-        table.add_row("several places", "another one agrees nearly as well; the expected error covers both")
+    table.add_row("fit (p-value of the samples)", f"{estimate.fit:.3g}")
+    for k, mode in enumerate(estimate.modes[1:]):
+        middle = mode.base_T_correction.apply(estimate.centroid) - estimate.centroid
+        table.add_row("" if k else "other places", f"{_millimetres(middle)} mm, weight {mode.weight:.2f}")
     for k, weak in enumerate(estimate.unobservable):
         table.add_row("" if k else "still free", weak.text)
     if base_T_object is not None:
