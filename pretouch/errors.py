@@ -119,7 +119,8 @@ WIRE: dict[type[PretouchError], Wire] = {
 """The one table: error -> problem slug, title, HTTP status and gRPC code."""
 
 _BY_SLUG = {wire.slug: kind for kind, wire in WIRE.items()}
-_TYPE_PREFIX = "urn:pretouch:problem:"
+TYPE_PREFIX = "urn:pretouch:problem:"
+"""What the `type` of every problem document begins with."""
 
 
 def wire_of(error: PretouchError) -> Wire:
@@ -134,7 +135,7 @@ def problem(error: PretouchError) -> dict[str, Any]:
     """The RFC 9457 problem document of `error`; `remedy` is our extension member."""
     wire = wire_of(error)
     return {
-        "type": _TYPE_PREFIX + wire.slug,
+        "type": TYPE_PREFIX + wire.slug,
         "title": wire.title,
         "status": wire.http_status,
         "detail": error.detail,
@@ -144,7 +145,7 @@ def problem(error: PretouchError) -> dict[str, Any]:
 
 def from_problem(document: dict[str, Any]) -> PretouchError:
     """The error that `problem` wrote; an unknown type becomes `Internal`."""
-    slug = str(document.get("type", "")).removeprefix(_TYPE_PREFIX)
+    slug = str(document.get("type", "")).removeprefix(TYPE_PREFIX)
     kind = _BY_SLUG.get(slug, Internal)
     return kind(str(document.get("detail", "")), str(document.get("remedy", "")))
 

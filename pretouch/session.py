@@ -59,7 +59,9 @@ def _positive(owner: Any, member: str, limits: dict[str, float]) -> None:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Converged = the `confidence` quantile of the object's mean point error is at most `error`, m."""
+    """Converged = the `confidence` quantile of the object's mean point error is at most `error`, m, and the answer
+    explains the samples.
+    """
 
     error: float = 0.003
     confidence: float = 0.95
@@ -244,7 +246,9 @@ class Session:
     Attributes:
         base_T_object: the corrected object pose, if the client gave one to correct.
         next_scan: None when there is none.
-        reason: a problem document, only when `FAILED`.
+        reason: why it is `EXHAUSTED` or `FAILED`, else None: a problem document (RFC 9457) with type, title, status,
+            detail and remedy. Of an exhausted session its type ends in one of `pretouch.exhaustion.Exhaustion`; one that
+            an older pretouch exhausted has none.
     """
 
     id: str

@@ -5,6 +5,8 @@
         for session in drive(client, session, robot.scan):
             print(session.state, session.estimate.expected_error)
         base_T_correction = session.estimate.base_T_correction
+        if session.reason is not None:
+            print(session.reason["detail"], session.reason["remedy"])
 
 All four clients have the same methods and raise the same errors, those of `pretouch.errors`.
 """

@@ -36,6 +36,12 @@ class Recording:
     def last(self) -> Session:
         return self.states[-1]
 
+    def end(self) -> str:
+        """The state that the session ended in; unless it converged, why, and what to do about it."""
+        reason = self.last.reason
+        state = self.last.state.value
+        return state if reason is None else f"{state}. {reason['detail']} {reason['remedy']}"
+
     def true_errors(self) -> list[float]:
         """m: the object's mean point error in each state."""
         return [self.case.error(state.estimate.base_T_correction) for state in self.states]

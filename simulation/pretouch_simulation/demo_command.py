@@ -57,9 +57,10 @@ def _frame(
         console.print(f"{case.name}: {sensor} finger, engine {engine}, seed {seed}.", markup=False)
         result = run_frame(services, case, sensor)
     console.print(
-        f"{result.state}: the camera was {1000 * result.initial_error:.1f} mm off, {1000 * result.final_error:.1f} mm "
-        f"are left ({1000 * result.expected_error:.1f} mm expected) after {result.scans} scans of "
-        f"{result.fraction:.1%} of the object in {result.seconds:.1f} robot seconds."
+        f"The camera was {1000 * result.initial_error:.1f} mm off, {1000 * result.final_error:.1f} mm are left "
+        f"({1000 * result.expected_error:.1f} mm expected) after {result.scans} scans of {result.fraction:.1%} of the "
+        f"object in {result.seconds:.1f} robot seconds. The session ended: {result.end}",
+        markup=False,
     )
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)

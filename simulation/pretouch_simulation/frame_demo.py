@@ -21,7 +21,7 @@ _TIMEOUT = 60.0
 
 @dataclass(frozen=True)
 class Result:
-    """What a session came to; metres, and `seconds` of the robot's time."""
+    """What a session came to; metres, and `seconds` of the robot's time; `end` says the state, and why."""
 
     initial_error: float
     final_error: float
@@ -30,9 +30,11 @@ class Result:
     fraction: float
     seconds: float
     state: str
+    end: str
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        """What programs read: all but the sentence on the end."""
+        return {name: value for name, value in asdict(self).items() if name != "end"}
 
 
 def engine_variable(engine: Engine) -> dict[str, str]:
@@ -56,6 +58,7 @@ def run_frame(services: Services, case: Case, model: FingerModel) -> Result:
         fraction=last.budget_used.fraction,
         seconds=last.budget_used.seconds,
         state=last.state.value,
+        end=recording.end(),
     )
 
 

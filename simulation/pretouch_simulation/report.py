@@ -46,7 +46,7 @@ def _section(recording: Recording) -> str:
     summary = (
         f"The camera was {1000 * true[0]:.1f} mm off. After {used.scans} scans of {used.fraction:.0%} of what it sees, "
         f"{used.seconds:.0f} s of the robot's time, {1000 * true[-1]:.1f} mm are left; the estimate itself expects "
-        f"{1000 * recording.expected_errors()[-1]:.1f} mm. The session ended as “{recording.last.state}”."
+        f"{1000 * recording.expected_errors()[-1]:.1f} mm. The session ended: {recording.end()}"
     )
     return (
         f"<section><h2>{escape(recording.title)}</h2><p>{escape(summary)}</p>"

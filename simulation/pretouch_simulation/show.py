@@ -72,6 +72,7 @@ def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: 
                 recordings.append(Recording(f"{act.object_name}, {act.api}", cases[act.object_name]))
                 for _ in _play(act, recordings[-1], services, fingers[act.object_name], model):
                     live.update(live_table(recordings), refresh=True)
+    _say(console, *(f"{recording.title}: {recording.end()}" for recording in recordings))
     _keep(recordings, results, f"engine {engine}, {model} finger, seed {seed}", console)
     _say(console, f"All of it took {time.monotonic() - started:.0f} s.")
 

@@ -10,22 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.camera import DepthImage
-from pretouch.errors import PretouchError
+from pretouch.errors import PretouchError, problem
 from pretouch.estimate import from_prior
+from pretouch.exhaustion import Exhaustion
 from pretouch.scene import Scene
 from pretouch.session import Points, Region, ScanPlan, SessionRequest, Skipped, State
 from pretouch.tof import RangeSamples
 from pretouch.trajectory import Trajectory
+from pretouch_orchestrator.budget import affordable, limit_of
 from pretouch_orchestrator.clusters import specks
+from pretouch_orchestrator.endings import ended, exhausted, has_converged
 from pretouch_orchestrator.path import plan_paths
 from pretouch_orchestrator.ports import Detector, Registrar
 from pretouch_orchestrator.record import Record
 from pretouch_orchestrator.segmentation import find_object
 from pretouch_orchestrator.transitions import (
-    affordable,
     awaited,
-    ended,
-    has_converged,
     measured,
     open_regions,
     passed_over,
@@ -81,6 +81,8 @@ class Loop:
     async def advance(self, record: Record, scan_id: str, submission: RangeSamples | Points | Skipped) -> Record:
         """The session after its planned scan was answered; as it is if `scan_id` was answered before.
 
+        Samples that are no measurements after two scans in a row end it: the third would be none either.
+
         Raises:
             Conflict: the session has ended.
             NotFound: no such scan is planned.
@@ -95,7 +97,10 @@ class Loop:
         scan, request = measured(record, submission), record.request
         scans = (*record.measured, scan)
         estimate = await self._registrar.register(record.scene, scans, request.prior, request.sensor)
-        return await self._go_on(await asyncio.to_thread(used, record, plan, submission, scan, estimate))
+        after = await asyncio.to_thread(used, record, plan, submission, scan, estimate)
+        if record.estimate.sensor_problem and estimate.sensor_problem:
+            return exhausted(after, Exhaustion.SENSOR)
+        return await self._go_on(after)
 
     def cancel(self, record: Record) -> Record:
         """The session, cancelled unless it has ended."""
@@ -103,15 +108,16 @@ class Loop:
 
     def fail(self, record: Record, error: PretouchError) -> Record:
         """The session, failed for `error` unless it has ended."""
-        return ended(record, State.FAILED, error)
+        return ended(record, State.FAILED, problem(error))
 
     async def _go_on(self, record: Record) -> Record:
         """Ends the session or plans its next scan."""
         if has_converged(record):
             return ended(record, State.CONVERGED)
-        candidates = await asyncio.to_thread(_candidates, record)
+        paths = await asyncio.to_thread(_paths, record)
+        candidates = await asyncio.to_thread(affordable, record, paths)
         if not candidates:
-            return ended(record, State.EXHAUSTED)
+            return exhausted(record, await asyncio.to_thread(limit_of, record, paths))
         request = record.request
         expected_errors = await self._registrar.predict(
             record.scene, record.measured, request.prior, request.sensor, [path for _, path, _ in candidates]
@@ -131,12 +137,10 @@ def viewed(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] |
     return replace(scene, depth=DepthImage(believed)), origin
 
 
-def _candidates(record: Record) -> list[tuple[str, Trajectory, float]]:
-    """The open regions whose perimeter comes over the object: id, affordable path and its share of the budget."""
+def _paths(record: Record) -> dict[str, Trajectory]:
+    """By region id: the paths of the open regions whose perimeter comes over the object."""
     regions = open_regions(record)
     u0, v0 = record.origin
     rectangles = [region.rectangle.shifted(-u0, -v0) for region in regions]
     paths = plan_paths(record.scene, rectangles, record.estimate, record.request.scan) if regions else []
-    return affordable(
-        record, {region.id: path for region, path in zip(regions, paths, strict=True) if path is not None}
-    )
+    return {region.id: path for region, path in zip(regions, paths, strict=True) if path is not None}

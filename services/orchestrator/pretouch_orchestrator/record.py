@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from pretouch.estimate import Estimate
-from pretouch.geometry import Pose
+from pretouch.geometry import Array, Pose
 from pretouch.scene import Scene
 from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, Session, SessionRequest, State
 from pretouch.tof import Scan
@@ -23,6 +25,7 @@ class Record:
         measured: the beams of each scan in `scans`, in the same order.
         skipped: ids of regions that could not be reached.
         answered: ids of scans that a client has answered for, used or skipped.
+        reason: a problem document, set when the session is exhausted or failed.
     """
 
     id: str
@@ -41,6 +44,10 @@ class Record:
     answered: tuple[str, ...] = ()
     budget_used: BudgetUsed = field(default_factory=BudgetUsed)
     reason: dict[str, Any] | None = None
+
+    def corrected_cloud(self) -> Array:
+        """(n, 3), m, in base: the object's points as presently corrected."""
+        return np.asarray(self.estimate.base_T_correction.apply(self.scene.cloud), dtype=np.float64)
 
     def view(self) -> Session:
         """What the client sees."""

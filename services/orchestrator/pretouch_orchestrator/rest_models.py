@@ -68,7 +68,7 @@ class Prior(_Sent):
 
 
 class Tolerance(_Sent):
-    """The session has converged when the `confidence` quantile of the mean point error is at most `error`."""
+    """Converged: the `confidence` quantile of the mean point error is at most `error`, and the samples explained."""
 
     error: Annotated[float, Field(gt=0, le=1)] = Field(_TOLERANCE.error, description="Metres.")
     confidence: Annotated[float, Field(gt=0, le=0.9999)] = Field(_TOLERANCE.confidence)
@@ -220,7 +220,10 @@ class Session(BaseModel):
 
     id: str
     state: domain.State
-    reason: Problem | SkipJsonSchema[None] = _absent("Only of a failed session.")
+    reason: Problem | SkipJsonSchema[None] = _absent(
+        "Why the session is exhausted or failed. Of an exhausted one the type ends in scans, seconds, fraction, "
+        "nothing-to-gain, out-of-range, misfit or sensor."
+    )
     proposer: domain.Proposer
     planner: domain.Planner
     regions: list[Region]

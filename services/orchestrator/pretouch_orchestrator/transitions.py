@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from pretouch.errors import Conflict, InvalidInput, NotFound, PretouchError, problem
-from pretouch.estimate import Estimate, point_error
-from pretouch.geometry import Array
-from pretouch.session import Points, Region, ScanPlan, ScanSummary, State
+from pretouch.errors import Conflict, InvalidInput, NotFound
+from pretouch.estimate import Estimate
+from pretouch.exhaustion import Exhaustion
+from pretouch.session import Points, Region, ScanPlan, ScanSummary
 from pretouch.tof import RangeSamples, Scan
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.coverage import Foresight, scanned
+from pretouch_orchestrator.coverage import scanned
+from pretouch_orchestrator.endings import exhausted
 from pretouch_orchestrator.planner import Candidate, choose
 from pretouch_orchestrator.record import Record
-
-_MISJUDGED = 0.2
-"""Share of a foreseen scan by which the real one may touch more of the object."""
-_PARTS = (1.0, 0.5, 0.25)
-"""How much of a region's path is scanned where the budget does not last for all of it."""
-_MOVED = 0.01
-"""Share of the object by which what earlier scans touched may change with the next correction."""
 
 
 def awaited(record: Record, scan_id: str) -> ScanPlan:
@@ -85,7 +77,7 @@ def used(record: Record, plan: ScanPlan, submission: RangeSamples | Points, scan
         record.budget_used,
         scans=len(record.scans),
         seconds=record.budget_used.seconds + duration,
-        fraction=float(scanned(_corrected_cloud(record), record.measured).mean()),
+        fraction=float(scanned(record.corrected_cloud(), record.measured).mean()),
     )
     return replace(record, budget_used=spent)
 
@@ -100,16 +92,6 @@ def passed_over(record: Record, plan: ScanPlan) -> Record:
     )
 
 
-def has_converged(record: Record) -> bool:
-    """Whether the tolerance's quantile of the object's mean point error is within its error."""
-    tolerance, estimate = record.request.tolerance, record.estimate
-    if tolerance.confidence == 0.95:
-        return estimate.error_quantile <= tolerance.error
-    centroid = estimate.base_T_correction.apply(estimate.centroid)
-    _, quantile = point_error(estimate.covariance, _corrected_cloud(record), centroid, (tolerance.confidence,))
-    return float(quantile[0]) <= tolerance.error
-
-
 def open_regions(record: Record) -> tuple[Region, ...]:
     """The regions that can still be planned; none once the scans are spent."""
     if record.budget_used.scans >= record.request.budget.scans:
@@ -118,45 +100,13 @@ def open_regions(record: Record) -> tuple[Region, ...]:
     return tuple(region for region in record.regions if region.id not in closed)
 
 
-def affordable(record: Record, paths: Mapping[str, Trajectory]) -> list[tuple[str, Trajectory, float]]:
-    """Each of `paths`, by region id, as far along as the budget lets, with its share of the budget that is left.
-
-    The share is that of the scarcest budget. Foreseen scans get an allowance for what they may touch unforeseen, but
-    not the first one: of a small object it touches much, and without it nothing would be known.
-    """
-    if not paths:
-        return []
-    budget, spent = record.request.budget, record.budget_used
-    base_R_tip = next(iter(paths.values())).base_T_tip[0, :3, :3]
-    foresight = Foresight(_corrected_cloud(record), record.measured, record.request.sensor, base_R_tip)
-
-    def share(path: Trajectory) -> float:
-        after = foresight.fraction_after(path)
-        if record.scans:
-            after += _MISJUDGED * max(after - spent.fraction, 0.0) + _MOVED
-        return max(
-            1 / max(budget.scans - spent.scans, 1e-9),
-            path.duration / max(budget.seconds - spent.seconds, 1e-9),
-            max(after - spent.fraction, 0.0) / max(budget.fraction - spent.fraction, 1e-9),
-        )
-
-    fitting = []
-    for region_id, path in paths.items():
-        for part in _PARTS:
-            shortened = path.beginning(part)
-            if (used_up := share(shortened)) <= 1:
-                fitting.append((region_id, shortened, used_up))
-                break
-    return fitting
-
-
 def planned(
     record: Record, affordable: Sequence[tuple[str, Trajectory, float]], expected_errors: Sequence[float]
 ) -> Record:
     """With each region's expected error brought up to date, and the next scan; exhausted if there is none.
 
     Args:
-        affordable: what can be scanned, see there.
+        affordable: what can be scanned, see `budget.affordable`.
         expected_errors: m, predicted for each of them, in their order. Another scan of any other region is expected
             to tell nothing.
     """
@@ -168,18 +118,6 @@ def planned(
     candidates = [Candidate(by_id[region_id], path, share) for region_id, path, share in affordable]
     best = choose(candidates, record.request.planner, present)
     if best is None:
-        return ended(record, State.EXHAUSTED)
+        return exhausted(record, Exhaustion.NOTHING_TO_GAIN)
     scan_id = f"scan-{len(record.answered) + 1}"
     return replace(record, next_scan=ScanPlan(scan_id, best.region.id, best.path))
-
-
-def ended(record: Record, state: State, error: PretouchError | None = None) -> Record:
-    """The session at its end, `error` being the reason of a failure; one that has ended stays as it is."""
-    if record.state.ended:
-        return record
-    return replace(record, state=state, next_scan=None, reason=None if error is None else problem(error))
-
-
-def _corrected_cloud(record: Record) -> Array:
-    """(n, 3), m, in base: the object's points as presently corrected."""
-    return np.asarray(record.estimate.base_T_correction.apply(record.scene.cloud), dtype=np.float64)

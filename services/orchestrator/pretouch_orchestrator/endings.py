@@ -1,0 +1,151 @@
+"""When a session ends, and what it says of why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from pretouch.estimate import Estimate, point_error
+from pretouch.exhaustion import Exhaustion, exhaustion_problem
+from pretouch.session import State
+from pretouch_orchestrator.record import Record
+
+LEAST_FIT = 0.01
+"""p-value below which the samples are not explained by the answer: one honest session in a hundred is doubted."""
+
+
+def ended(record: Record, state: State, reason: dict[str, Any] | None = None) -> Record:
+    """The session at its end, `reason` being a problem document; one that has ended stays as it is."""
+    if record.state.ended:
+        return record
+    return replace(record, state=state, next_scan=None, reason=reason)
+
+
+def explained(estimate: Estimate) -> bool:
+    """Whether the samples are measurements that the answer explains."""
+    return estimate.fit >= LEAST_FIT and not estimate.sensor_problem
+
+
+def has_converged(record: Record) -> bool:
+    """Whether the tolerance's quantile of the object's mean point error is within its error, the samples explained."""
+    return explained(record.estimate) and _error_quantile(record) <= record.request.tolerance.error
+
+
+def exhausted(record: Record, limit: Exhaustion) -> Record:
+    """The session ended without meeting its tolerance; one that has ended stays as it is.
+
+    The reason is the first that holds: the sensor, a misfit, nothing within range, and last the `limit` that kept it
+    from another scan.
+    """
+    cause = _cause(record, limit)
+    detail, remedy = _TEXTS[cause](record)
+    return ended(record, State.EXHAUSTED, exhaustion_problem(cause, detail, remedy))
+
+
+def _cause(record: Record, limit: Exhaustion) -> Exhaustion:
+    if record.estimate.sensor_problem:
+        return Exhaustion.SENSOR
+    if record.estimate.fit < LEAST_FIT:
+        return Exhaustion.MISFIT
+    if record.scans and not any(scan.returns for scan in record.scans):
+        return Exhaustion.OUT_OF_RANGE
+    return limit
+
+
+def _error_quantile(record: Record) -> float:
+    """m: the tolerance's quantile of the object's mean point error."""
+    tolerance, estimate = record.request.tolerance, record.estimate
+    if tolerance.confidence == 0.95:
+        return estimate.error_quantile
+    centroid = estimate.base_T_correction.apply(estimate.centroid)
+    _, quantile = point_error(estimate.covariance, record.corrected_cloud(), centroid, (tolerance.confidence,))
+    return float(quantile[0])
+
+
+def _sensor(record: Record) -> tuple[str, str]:
+    return (
+        f"After {_count(len(record.scans), 'scan')}: {record.estimate.sensor_problem}",
+        "Look at what the finger sends with `pretouch gateway watch`; check its cable and supply, and that ranges are "
+        "in metres. Then open a new session.",
+    )
+
+
+def _misfit(record: Record) -> tuple[str, str]:
+    estimate = record.estimate
+    return (
+        f"No pose explains the {_count(estimate.samples, 'sample')}: {estimate.inliers} agree with the best one, whose "
+        f"p-value is {estimate.fit:.2g}, less than {LEAST_FIT:g}.",
+        "Check that the object has not moved since the depth image, that the mask holds it alone, that each base_T_tip "
+        "belongs to its range, and that sensor (range_std, beam_half_angle) and prior are not too small. Then open a "
+        "new session with a new image.",
+    )
+
+
+def _out_of_range(record: Record) -> tuple[str, str]:
+    request = record.request
+    samples = sum(scan.samples for scan in record.scans)
+    return (
+        f"None of the {_count(samples, 'sample')} of {_count(len(record.scans), 'scan')} came back from within "
+        f"{1000 * request.sensor.range_max:g} mm, the standoff being {1000 * request.scan.standoff:g} mm.",
+        "Check that the finger is switched on and that base_T_tip is the sensor's own pose, z along the beam. If so, "
+        "lower scan.standoff, or give a smaller prior: the finger keeps clear of all places where the object may be.",
+    )
+
+
+def _scans(record: Record) -> tuple[str, str]:
+    spent, budget = record.budget_used.scans, record.request.budget.scans
+    return f"{spent} of {_count(budget, 'scan')} are made. {_left(record)}", _allow("scans")
+
+
+def _seconds(record: Record) -> tuple[str, str]:
+    spent, budget = record.budget_used.seconds, record.request.budget.seconds
+    detail = f"{spent:.1f} of {budget:g} robot seconds are spent, and what is left does not last for another scan."
+    return f"{detail} {_left(record)}", _allow("seconds")
+
+
+def _fraction(record: Record) -> tuple[str, str]:
+    spent, budget = record.budget_used.fraction, record.request.budget.fraction
+    detail = f"{spent:.1%} of the object is scanned, and another scan would exceed the {budget:.1%} allowed."
+    return f"{detail} {_left(record)}", _allow("fraction")
+
+
+def _nothing_to_gain(record: Record) -> tuple[str, str]:
+    scanned = len({scan.region_id for scan in record.scans})
+    skipped, regions = len(record.skipped), len(record.regions)
+    detail = (
+        f"Of {_count(regions, 'region')} {scanned} are scanned, {skipped} could not be reached, and "
+        f"{regions - scanned - skipped} lie where no path leads over the object. {_left(record)}"
+    )
+    return (
+        detail,
+        "Choose another proposer, check that the mask covers the object, make more of it reachable, or ask for a "
+        "larger tolerance.error.",
+    )
+
+
+def _left(record: Record) -> str:
+    tolerance, error = record.request.tolerance, _error_quantile(record)
+    return (
+        f"At {100 * tolerance.confidence:.4g} % confidence the error is at most {1000 * error:.1f} mm; "
+        f"{1000 * tolerance.error:g} mm were asked for."
+    )
+
+
+def _allow(name: str) -> str:
+    return f"Use the estimate as it is, or open a new session with a larger budget.{name} or tolerance.error."
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
+_TEXTS = {
+    Exhaustion.SENSOR: _sensor,
+    Exhaustion.MISFIT: _misfit,
+    Exhaustion.OUT_OF_RANGE: _out_of_range,
+    Exhaustion.SCANS: _scans,
+    Exhaustion.SECONDS: _seconds,
+    Exhaustion.FRACTION: _fraction,
+    Exhaustion.NOTHING_TO_GAIN: _nothing_to_gain,
+}
+"""What happened, in numbers, and what to do about it."""
