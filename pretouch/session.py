@@ -247,8 +247,8 @@ class Session:
         base_T_object: the corrected object pose, if the client gave one to correct.
         next_scan: None when there is none.
         reason: why it is `EXHAUSTED` or `FAILED`, else None: a problem document (RFC 9457) with type, title, status,
-            detail and remedy. Of an exhausted session its type ends in one of `pretouch.exhaustion.Exhaustion`; one that
-            an older pretouch exhausted has none.
+            detail and remedy. The type of an exhausted one ends in one of `pretouch.exhaustion.Exhaustion`; one that an
+            older pretouch exhausted has none.
     """
 
     id: str

@@ -6,6 +6,8 @@
         upstream.fail("Register", Unavailable("gone", "wait"), times=2)
         with upstream.held("Register"):        # calls wait at the door until the block ends
             ...
+        with upstream.estimating(doubtful):    # estimates from scans are changed by a function until the block ends
+            ...
         upstream.calls                         # what was called, in order
 
 The registrar's answers need no geometry: each scan with a sample shrinks the prior's standard deviations to a third,
@@ -18,7 +20,7 @@ import contextlib
 import json
 import threading
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent import futures
 from dataclasses import dataclass
 from typing import Any
@@ -60,6 +62,7 @@ class FakeUpstream:
         ready: names of the proposers that can be used.
         calls: every call so far, refused ones too.
         samples: what the gateway answers for any span of its device; empty unless the test sets it.
+        changed: see `estimating`.
     """
 
     def __init__(self, credentials: grpc.ServerCredentials | None = None) -> None:
@@ -67,6 +70,7 @@ class FakeUpstream:
         self.ready = {"stability", "narf", "random"}
         self.calls: list[Call] = []
         self.samples = RangeSamples(np.zeros(0), np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0), np.zeros(0))
+        self.changed: Callable[[Estimate], Estimate] = _unchanged
         self._failures: defaultdict[str, list[PretouchError]] = defaultdict(list)
         self._gates: dict[str, threading.Event] = {}
         self._arrived: defaultdict[str, threading.Semaphore] = defaultdict(lambda: threading.Semaphore(0))
@@ -121,6 +125,15 @@ class FakeUpstream:
             gate.set()
             del self._gates[method]
 
+    @contextlib.contextmanager
+    def estimating(self, changed: Callable[[Estimate], Estimate]) -> Iterator[None]:
+        """Estimates from scans are what `changed` makes of them until the block ends."""
+        self.changed = changed
+        try:
+            yield
+        finally:
+            self.changed = _unchanged
+
     def wait_for_call(self, method: str, seconds: float = 30.0) -> None:
         """Returns once a call of `method` has arrived since the block of `held` began."""
         if not self._arrived[method].acquire(timeout=seconds):
@@ -137,6 +150,10 @@ class FakeUpstream:
             gate.wait(60)
         if self._failures[method]:
             refuse(context, self._failures[method].pop(0))
+
+
+def _unchanged(estimate: Estimate) -> Estimate:
+    return estimate
 
 
 def refuse(context: grpc.ServicerContext, error: PretouchError) -> None:
@@ -210,7 +227,8 @@ class _Registrar(registrar_pb2_grpc.RegistrarServiceServicer):
         scans = [wire.scan_from_proto(scan) for scan in request.scans]
         used = [scan for scan in scans if len(scan)]
         prior = wire.prior_from_proto(request.settings.prior)
-        return estimate(wire.scene_from_proto(request.scene), len(used), sum(map(len, used)), prior)
+        answer = estimate(wire.scene_from_proto(request.scene), len(used), sum(map(len, used)), prior)
+        return self.upstream.changed(answer) if used else answer
 
     def Register(self, request: Any, context: grpc.ServicerContext) -> registrar_pb2.RegisterResponse:
         self.upstream.enter("Register", request, context)

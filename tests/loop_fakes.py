@@ -54,10 +54,16 @@ class RandomDetector:
 
 
 class FormulaRegistrar:
-    """Knows the correction; each return shrinks the prior's deviations, and long paths are predicted to tell more."""
+    """Knows the correction; each return shrinks the prior's deviations, and long paths are predicted to tell more.
 
-    def __init__(self, gain: float = 0.05) -> None:
+    Attributes:
+        fit, sensor_problem: what it says of any samples.
+    """
+
+    def __init__(self, gain: float = 0.05, fit: float = 1.0, sensor_problem: str = "") -> None:
         self.gain = gain
+        self.fit = fit
+        self.sensor_problem = sensor_problem
         self.down = False
 
     async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
@@ -65,11 +71,21 @@ class FormulaRegistrar:
             raise Unavailable("The registrar is away.", "Wait.")
         returns = sum(int(scan.returned.sum()) for scan in scans)
         if returns == 0:
-            return from_prior(prior, scene.cloud)
+            estimate = from_prior(prior, scene.cloud)
+            return replace(estimate, fit=self.fit, sensor_problem=self.sensor_problem) if scans else estimate
         covariance = prior.covariance() / (1 + self.gain * returns) ** 2
         about = Pose.of(CORRECTION.rotation, CORRECTION.translation)
         expected, quantile = point_error(covariance, about.apply(scene.cloud), about.apply(scene.centroid))
-        return Estimate(about, scene.centroid, covariance, expected, float(quantile[0]), samples=returns)
+        return Estimate(
+            about,
+            scene.centroid,
+            covariance,
+            expected,
+            float(quantile[0]),
+            samples=returns,
+            fit=self.fit,
+            sensor_problem=self.sensor_problem,
+        )
 
     async def predict(
         self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]

@@ -11,6 +11,7 @@ from pretouch_orchestrator.record import Record
 
 from pretouch.camera import DepthImage
 from pretouch.errors import Internal, problem
+from pretouch.estimate import Mode
 from pretouch.geometry import Plane, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
@@ -38,6 +39,8 @@ def a_record(session_id: str = "one") -> Record:
         Plane(np.array([0.0, 0.1, 1.0]) / np.sqrt(1.01), -1e-3 / 3),
     )
     scene, origin = whole.cropped(0.05)
+    estimate = fake_upstream.estimate(scene, 1, 40, request.prior)
+    other = Pose.from_rotation_vector([0, 0.2, 0], [0.01, 0, 0])
     tip = np.stack([Pose.from_rotation_vector([0, 0.1 * k, 0.3], [k / 3, 0, 0.1]).matrix for k in range(4)])
     return Record(
         id=session_id,
@@ -47,7 +50,15 @@ def a_record(session_id: str = "one") -> Record:
         origin=origin,
         proposer=Proposer.RANDOM,
         regions=(Region("r1", RotatedRectangle(160.1, 120.2, 30, 20, 0.3), 0.9, 0.011),),
-        estimate=fake_upstream.estimate(scene, 1, 40, request.prior),
+        estimate=replace(
+            estimate,
+            modes=(
+                Mode(estimate.base_T_correction, 2 / 3),
+                Mode(other, 1 / 3),
+            ),
+            fit=1 / 3,
+            sensor_problem="All 40 ranges are 31.2 mm: the sensor is stuck.",
+        ),
         next_scan=ScanPlan("s2", "r1", Trajectory(np.arange(4) / 3, tip)),
     )
 

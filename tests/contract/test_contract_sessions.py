@@ -51,6 +51,7 @@ async def test_a_session_converges(client: Any) -> None:
         session = await client.submit(session.id, plan.scan_id, measured(plan))
         errors.append(session.estimate.expected_error)
     assert session.state is State.CONVERGED
+    assert session.reason is None
     assert session.estimate.error_quantile <= 0.003
     assert errors == sorted(errors, reverse=True)
     assert len(session.scans) == session.budget_used.scans == len(errors) - 1 == 3
@@ -82,7 +83,6 @@ async def test_a_session_that_may_scan_once_is_exhausted_after_it(client: Any) -
     session = await client.submit(session.id, session.next_scan.scan_id, measured(session.next_scan))
     assert session.state is State.EXHAUSTED
     assert session.next_scan is None
-    assert session.reason is None
 
 
 async def test_a_tolerance_that_the_prior_meets_needs_no_scan(client: Any) -> None:

@@ -29,6 +29,9 @@ async def test_a_flat_card_has_no_keypoint_and_its_session_ends_exhausted() -> N
     record = await loop_of(PROTOCOL).open("card", 0.0, request_of(case, PROTOCOL), case.depth, case.mask)
     assert record.regions == ()
     assert record.state is State.EXHAUSTED
+    assert record.reason is not None
+    assert record.reason["type"].endswith(":nothing-to-gain")
+    assert record.reason["detail"].startswith("The proposer narf found 0 regions")
 
 
 def test_evaluation_rows_name_the_proposer(tmp_path: Path) -> None:

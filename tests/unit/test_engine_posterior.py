@@ -111,6 +111,8 @@ def test_a_scan_that_cannot_tell_ridges_apart_is_said_to_fit_several_places(ridg
     inside = [across((-0.02, 0.005), (0.02, -0.005)), across((-0.015, -0.02), (0.02, 0.02))]
     answer = register(ridges, inside, Settings())
     assert len(answer.modes) > 1
+    assert sum(mode.weight for mode in answer.modes) == pytest.approx(1)
+    assert answer.modes[0].base_T_correction.is_close(answer.base_T_correction)
     assert answer.error_quantile > 0.7 * PITCH
     over_the_ends = [across((-0.08, 0.01), (0.08, 0.0)), across((0.007, -0.06), (0.007, 0.06))]
     answer = register(ridges, inside + over_the_ends, Settings())

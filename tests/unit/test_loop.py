@@ -102,16 +102,24 @@ def test_the_object_is_found_when_no_mask_is_sent() -> None:
 
 
 @pytest.mark.parametrize(
-    "budget",
-    [Budget(scans=2), Budget(seconds=9.0), Budget(fraction=0.25, scans=1000), Budget(seconds=0.1)],
+    ("budget", "spent"),
+    [
+        (Budget(scans=2), "scans"),
+        (Budget(seconds=9.0), "seconds"),
+        (Budget(fraction=0.25, scans=1000), "fraction"),
+        (Budget(seconds=0.1), "seconds"),
+        (Budget(fraction=0.001), "fraction"),
+    ],
 )
-def test_no_scan_is_planned_beyond_a_budget(budget: Budget) -> None:
+def test_no_scan_is_planned_beyond_a_budget(budget: Budget, spent: str) -> None:
     loop = Loop(RandomDetector(), FormulaRegistrar(gain=1e-4))
     record = run(loop, asked(budget=budget))
     assert record.state is State.EXHAUSTED
     assert record.budget_used.scans <= budget.scans
     assert record.budget_used.seconds <= budget.seconds
     assert record.budget_used.fraction <= budget.fraction + 0.02
+    assert record.reason is not None
+    assert record.reason["type"] == f"urn:pretouch:problem:{spent}"
 
 
 def test_a_session_with_nothing_to_scan_is_exhausted_at_once() -> None:

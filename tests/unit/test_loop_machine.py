@@ -13,8 +13,14 @@ from pretouch_orchestrator.loop import Loop
 from pretouch_orchestrator.record import Record
 
 from pretouch.errors import Conflict, InvalidInput, NotFound
-from pretouch.session import Budget, Planner, Points, ScanSettings, Skipped
+from pretouch.exhaustion import Exhaustion
+from pretouch.session import Budget, Planner, Points, ScanSettings, Skipped, State
 from pretouch.tof import RangeSamples
+
+
+def exhaustion_of(record: Record) -> Exhaustion:
+    assert record.reason is not None
+    return Exhaustion(record.reason["type"].removeprefix("urn:pretouch:problem:"))
 
 
 class SessionMachine(RuleBasedStateMachine):
@@ -25,10 +31,11 @@ class SessionMachine(RuleBasedStateMachine):
         seconds=st.floats(1, 40),
         fraction=st.floats(0.1, 0.6),
         planner=st.sampled_from(Planner),
-        gain=st.sampled_from([1e-4, 0.005]),
+        gain=st.sampled_from([1e-4, 0.005, 10.0]),
     )
     def open(self, scans: int, seconds: float, fraction: float, planner: Planner, gain: float) -> None:
-        self.loop = Loop(RandomDetector(6), FormulaRegistrar(gain))
+        self.registrar = FormulaRegistrar(gain)
+        self.loop = Loop(RandomDetector(6), self.registrar)
         budget = Budget(scans, seconds, fraction)
         self.record = opened(self.loop, asked(budget=budget, planner=planner, scan=ScanSettings(0.03, 0.1)))
         self.planned: list[str] = []
@@ -40,7 +47,11 @@ class SessionMachine(RuleBasedStateMachine):
             self.planned.append(self.record.next_scan.region_id)
 
     def step(self, submission: RangeSamples | Points | Skipped) -> None:
-        self.record = answer(self.loop, self.record, submission)
+        before = self.record
+        self.record = answer(self.loop, before, submission)
+        scanned = len(self.record.scans) > len(before.scans)
+        if scanned and before.estimate.sensor_problem and self.record.estimate.sensor_problem:
+            assert exhaustion_of(self.record) is Exhaustion.SENSOR
         self.note()
 
     @precondition(lambda self: self.record.next_scan is not None)
@@ -75,6 +86,10 @@ class SessionMachine(RuleBasedStateMachine):
         with pytest.raises((NotFound, Conflict)):
             asyncio.run(self.loop.advance(self.record, "scan-99", misses(3)))
 
+    @rule(fit=st.sampled_from([0.0, 0.00999, 0.01, 1.0]), problem=st.sampled_from(["", "", "All ranges are 31 mm."]))
+    def doubt(self, fit: float, problem: str) -> None:
+        self.registrar.fit, self.registrar.sensor_problem = fit, problem
+
     @rule(chance=st.integers(0, 5))
     def cancel(self, chance: int) -> None:
         if chance == 0:
@@ -87,6 +102,23 @@ class SessionMachine(RuleBasedStateMachine):
             assert self.record is self.ended
         elif self.record.state.ended:
             self.ended = self.record
+
+    @invariant()
+    def a_session_converges_on_explained_samples_only(self) -> None:
+        if self.record.state is State.CONVERGED:
+            assert self.record.estimate.fit >= 0.01
+            assert not self.record.estimate.sensor_problem
+
+    @invariant()
+    def an_exhausted_session_says_why_and_no_other(self) -> None:
+        record = self.record
+        if record.state is not State.EXHAUSTED:
+            assert record.reason is None
+            return
+        exhaustion = exhaustion_of(record)
+        assert (exhaustion is Exhaustion.SENSOR) == bool(record.estimate.sensor_problem)
+        if not record.estimate.sensor_problem:
+            assert (exhaustion is Exhaustion.MISFIT) == (record.estimate.fit < 0.01)
 
     @invariant()
     def budgets_hold(self) -> None:

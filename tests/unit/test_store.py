@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from pretouch_orchestrator.store import Event, KeyedRequest, NewEvent
 from records import a_record, after_a_scan
 
 from pretouch.errors import NotFound, Unavailable
+from pretouch.v1 import orchestrator_pb2
 from pretouch.wire import json
 
 
@@ -45,6 +47,27 @@ async def test_a_record_comes_back_to_the_bit_from_a_reopened_store(tmp_path: Pa
     async with open_store(tmp_path) as store:
         assert same(await store.record("one"), record)
         assert json.session_to_json(await store.session("one")) == json.session_to_json(record.view())
+
+
+async def test_a_session_from_before_modes_and_fit_reads_as_one_with_a_single_mode_that_fits(tmp_path: Path) -> None:
+    record = a_record()
+    async with open_store(tmp_path) as store:
+        await store.create(record, [], None)
+    with contextlib.closing(sqlite3.connect(tmp_path / FILE_NAME)) as db:
+        ((view,),) = db.execute("SELECT view FROM session")
+        message = orchestrator_pb2.Session.FromString(view)
+        for name in ("modes", "fit", "sensor_problem"):
+            message.estimate.ClearField(name)
+        message.estimate.MergeFromString(b"\x50\x01")  # several_modes = true, which was field 10
+        db.execute("UPDATE session SET view = ?", (message.SerializeToString(),))
+        db.commit()
+    async with open_store(tmp_path) as store:
+        estimate = (await store.record("one")).estimate
+        assert (await store.session("one")).reason is None
+    assert [mode.weight for mode in estimate.modes] == [1.0]
+    assert same(estimate.modes[0].base_T_correction, record.estimate.base_T_correction)
+    assert (estimate.fit, estimate.sensor_problem) == (1.0, "")
+    assert estimate.expected_error == record.estimate.expected_error
 
 
 async def test_events_are_numbered_within_their_session(store: SqliteStore) -> None:

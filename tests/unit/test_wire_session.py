@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput, Malformed, TooLarge
-from pretouch.estimate import Estimate, Prior, WeakDirection
+from pretouch.estimate import Estimate, Mode, Prior, WeakDirection, from_prior
 from pretouch.geometry import Plane, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import (
@@ -40,7 +41,10 @@ from pretouch.trajectory import Trajectory
 from pretouch.v1 import common_pb2
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.wire import session as proto
+from pretouch.wire.common import estimate_from_proto, estimate_to_proto
 from pretouch.wire.json import (
+    estimate_from_json,
+    estimate_to_json,
     request_from_json,
     request_to_json,
     session_from_json,
@@ -48,6 +52,7 @@ from pretouch.wire.json import (
     submission_from_json,
     submission_to_json,
 )
+from pretouch.wire.reader import Members
 
 numbers = st.floats(-10, 10, allow_subnormal=False)
 shares = st.floats(1e-6, 1)
@@ -112,9 +117,18 @@ def plans(draw: st.DrawFn) -> ScanPlan:
 
 
 counts = st.integers(0, 10_000)
+
+
+@st.composite
+def modes(draw: st.DrawFn) -> tuple[Mode, ...]:
+    places = draw(st.lists(st.tuples(poses, st.floats(0.01, 1)), min_size=1, max_size=3))
+    total = sum(weight for _, weight in places)
+    return tuple(Mode(pose, weight / total) for pose, weight in places)
+
+
 estimates = st.builds(
-    Estimate,
-    base_T_correction=poses,
+    lambda modes, **members: Estimate(modes[0].base_T_correction, modes=modes, **members),
+    modes(),
     centroid=vectors,
     covariance=arrays(np.float64, (6, 6), elements=numbers),
     expected_error=shares,
@@ -125,6 +139,7 @@ estimates = st.builds(
     inliers=counts,
     samples=counts,
     rmse=shares,
+    fit=st.floats(0, 1),
 )
 rectangles = st.builds(RotatedRectangle, numbers, numbers, st.floats(1, 500), st.floats(1, 500), st.floats(-4, 4))
 sessions = st.builds(
@@ -191,6 +206,38 @@ def test_both_wires_give_a_session_back(session: Session) -> None:
     packed = pb.Session.FromString(proto.session_to_proto(session).SerializeToString())
     assert same(session, proto.session_from_proto(packed))
     assert same(session, session_from_json(through_json(session_to_json(session))))
+
+
+def test_what_is_wrong_with_the_sensor_goes_over_protobuf_and_is_no_member_of_the_json() -> None:
+    estimate = replace(from_prior(Prior(), np.eye(3)), sensor_problem="All 3 ranges are 31 mm.")
+    packed = common_pb2.Estimate.FromString(estimate_to_proto(estimate).SerializeToString())
+    assert estimate_from_proto(packed).sensor_problem == estimate.sensor_problem
+    document = estimate_to_json(estimate, None)
+    assert document["modes"] == [{"base_T_correction": document["base_T_correction"], "weight": 1.0}]
+    assert document["fit"] == 1.0
+    assert "sensor_problem" not in document
+
+
+def test_an_estimate_without_modes_and_fit_is_one_from_before_they_were_told() -> None:
+    message = estimate_to_proto(from_prior(Prior(), np.eye(3)))
+    message.ClearField("modes")
+    message.ClearField("fit")
+    estimate = estimate_from_proto(message)
+    assert [mode.weight for mode in estimate.modes] == [1.0]
+    assert estimate.fit == 1.0
+    message.fit = 0.0
+    assert estimate_from_proto(message).fit == 0.0
+
+
+@pytest.mark.parametrize("fit", [-0.1, 1.1, math.nan])
+def test_a_fit_that_is_no_probability_is_refused_on_both_wires(fit: float) -> None:
+    message = estimate_to_proto(from_prior(Prior(), np.eye(3)))
+    message.fit = fit
+    with pytest.raises(InvalidInput, match=r"estimate\.fit"):
+        estimate_from_proto(message)
+    document = estimate_to_json(from_prior(Prior(), np.eye(3)), None) | {"fit": fit}
+    with pytest.raises(InvalidInput, match=r"estimate\.fit"):
+        estimate_from_json(Members(document, "estimate", None))
 
 
 @settings(max_examples=60)

@@ -94,7 +94,7 @@ def _out_of_range(record: Record) -> tuple[str, str]:
 
 def _scans(record: Record) -> tuple[str, str]:
     spent, budget = record.budget_used.scans, record.request.budget.scans
-    return f"{spent} of {_count(budget, 'scan')} are made. {_left(record)}", _allow("scans")
+    return f"The session has made {spent} of {_count(budget, 'scan')}. {_left(record)}", _allow("scans")
 
 
 def _seconds(record: Record) -> tuple[str, str]:
@@ -113,11 +113,13 @@ def _nothing_to_gain(record: Record) -> tuple[str, str]:
     scanned = len({scan.region_id for scan in record.scans})
     skipped, regions = len(record.skipped), len(record.regions)
     detail = (
-        f"Of {_count(regions, 'region')} {scanned} are scanned, {skipped} could not be reached, and "
-        f"{regions - scanned - skipped} lie where no path leads over the object. {_left(record)}"
+        f"Of {_count(regions, 'region')} the finger scanned {scanned} and could not reach {skipped}; a scan of the "
+        f"other {regions - scanned - skipped} is impossible or would tell nothing."
     )
+    if not regions:
+        detail = f"The proposer {record.proposer.value} found 0 regions that are worth a scan."
     return (
-        detail,
+        f"{detail} {_left(record)}",
         "Choose another proposer, check that the mask covers the object, make more of it reachable, or ask for a "
         "larger tolerance.error.",
     )
