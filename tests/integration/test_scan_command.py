@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from pretouch_simulation.open3d_loader import open3d
 from pretouch_simulation.protocol import Case, make_case
 
 from pretouch.cli import main
-from pretouch.estimate import Estimate, Prior, from_prior
+from pretouch.estimate import Estimate, Mode, Prior, from_prior
 from pretouch.geometry import Array, Pose, vector_from_rotation
 from pretouch.mesh_target import MeshTarget
 from pretouch.wire.json import estimate_from_json
@@ -155,6 +155,30 @@ def test_the_table_that_people_read_says_the_same(register: Any, files: Files) -
     assert estimate.unobservable
     for words in estimate.unobservable[0].text.split():
         assert words in text
+    assert f"{estimate.fit:.3g}" in text
+
+
+def test_other_places_a_bad_fit_and_samples_that_are_no_measurements_are_said(
+    register: Any, files: Files, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = from_prior(Prior(), files.case.cloud)
+    aside = Pose.of(np.eye(3), np.array([0.012, 0.0, -0.003]))
+    answer = replace(
+        before,
+        modes=(Mode(before.base_T_correction, 0.8), Mode(aside, 0.2)),
+        fit=0.00123,
+        sensor_problem="All 90 ranges are 31 mm: the sensor is stuck.",
+    )
+    monkeypatch.setattr("pretouch_registrar.scan_command.register", lambda *_: answer)
+    arguments = [files.folder / "view.npz", *files.scans(".npz", 1)]
+    done = register(*arguments)
+    text = " ".join(done.out.split())
+    assert "(12.00, 0.00, -3.00) mm, weight 0.20" in text
+    assert "0.00123" in text
+    assert "no measurements: All 90 ranges are 31 mm" in done.err
+    document = register(*arguments, "--json").document
+    assert [mode["weight"] for mode in document["modes"]] == [0.8, 0.2]
+    assert document["fit"] == 0.00123
 
 
 def test_options_reach_the_engine(register: Any, files: Files) -> None:
