@@ -21,14 +21,14 @@ def ended(record: Record, state: State, reason: dict[str, Any] | None = None) ->
     return replace(record, state=state, next_scan=None, reason=reason)
 
 
-def explained(estimate: Estimate) -> bool:
+def is_explained(estimate: Estimate) -> bool:
     """Whether the samples are measurements that the answer explains."""
     return estimate.fit >= LEAST_FIT and not estimate.sensor_problem
 
 
 def has_converged(record: Record) -> bool:
     """Whether the tolerance's quantile of the object's mean point error is within its error, the samples explained."""
-    return explained(record.estimate) and _error_quantile(record) <= record.request.tolerance.error
+    return is_explained(record.estimate) and _error_quantile(record) <= record.request.tolerance.error
 
 
 def exhausted(record: Record, limit: Exhaustion) -> Record:
