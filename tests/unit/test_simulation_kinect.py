@@ -39,7 +39,7 @@ def test_labels_are_what_rays_meet_and_there_is_a_shadow_left_of_an_object() -> 
     world = World([Body(box(0.1, 0.1, 0.2), Pose.identity())], FLOOR)
     image = Kinect().render(world, CAMERA, Pose.of(LOOKING_DOWN, [0, 0, 1.0]), np.random.default_rng(0))
     assert set(np.unique(image.bodies)) == {0, TABLE}
-    v, u = np.nonzero(bodies == 0)
+    v, u = np.nonzero(image.bodies == 0)
     assert u.max() - u.min() == pytest.approx(0.1 / 0.8 * 525, abs=1.5)
     assert v.max() - v.min() == pytest.approx(0.1 / 0.8 * 525, abs=1.5)
     rows = image.depth.metres[210:270]
@@ -56,7 +56,7 @@ def test_the_edges_of_an_object_wander_by_about_a_pixel() -> None:
     world = World([Body(box(0.2, 0.2, 0.1), Pose.identity())], FLOOR)
     image = Kinect().render(world, CAMERA, Pose.of(LOOKING_DOWN, [0, 0, 0.9]), np.random.default_rng(1))
     seen = (image.depth.metres > 0) & (image.depth.metres < 0.85)
-    differs = seen != (bodies == 0)
+    differs = seen != (image.bodies == 0)
     right = np.nonzero(image.bodies[240] == 0)[0].max()
     assert 0.1 < differs[180:300, right - 1 : right + 2].mean() < 0.6
     assert not differs[180:300, right + 6 :].any()
@@ -67,7 +67,7 @@ def test_a_camera_that_looks_at_nothing_has_no_depth() -> None:
         World([], FLOOR), CAMERA, Pose.of(np.eye(3), [0, 0, 1.0]), np.random.default_rng(0), (20, 20)
     )
     assert not image.depth.metres.any()
-    assert (bodies == NOTHING).all()
+    assert (image.bodies == NOTHING).all()
 
 
 def test_the_same_seed_renders_the_same_image() -> None:
