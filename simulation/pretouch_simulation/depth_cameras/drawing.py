@@ -45,11 +45,12 @@ def _stereo(rng: np.random.Generator) -> WindowCamera:
 
 def _windows(rng: np.random.Generator, fattening: tuple[float, float], gap: tuple[float, float]) -> Window:
     return Window(
-        size=rng.uniform(5.0, 17.0),
+        size=rng.uniform(5.0, 21.0),
         edge=rng.uniform(0.8, 2.0),
         fattening=rng.uniform(*fattening),
         raggedness=_log(rng, 0.3, 1.5),
         gap=_log(rng, *gap),
+        gap_spread=rng.uniform(0.2, 1.0),
         full_step=rng.uniform(3.0, 8.0),
     )
 

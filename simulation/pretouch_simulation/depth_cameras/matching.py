@@ -41,7 +41,9 @@ class Window:
         edge: px of disparity between what is taken for two surfaces.
         fattening: px by which the nearer surface reaches beyond its edge; negative: the other eats into it.
         raggedness: px, standard deviation of the same along an edge, from one blob of texture to the next.
-        gap: px of the band along an edge, on the nearer side, without depth where the step is `full_step` or more.
+        gap: px, median of the band along an edge, on the nearer side, without depth where the step is `full_step` or
+            more; along the edge it is log-normal.
+        gap_spread: standard deviation of its logarithm.
         full_step: px of disparity.
     """
 
@@ -50,6 +52,7 @@ class Window:
     fattening: float
     raggedness: float
     gap: float
+    gap_spread: float
     full_step: float
 
 
@@ -109,7 +112,7 @@ class WindowCamera:
         disparity = self.errors.applied(matched, sight.bodies, scale, zoom, rng)
         metres = scale / np.maximum(disparity, 1e-6)
         good = (disparity > 0) & (metres >= self.range[0]) & (metres <= self.range[1])
-        depth = DepthImage(np.where(good, metres, 0.0).astype(np.float32))
+        depth = DepthImage(_registered(np.where(good, metres, 0.0), zoom).astype(np.float32))
         mask = stray(sight.bodies == 0, self.outline, zoom, rng) & (depth.metres > 0)
         return Rendering(depth, sight.bodies, mask)
 
@@ -131,7 +134,8 @@ class WindowCamera:
         ragged = window.raggedness * smooth_field(rng, true.shape, zoom * window.size / 3)
         beyond = (share / np.maximum(seen, 1e-9) - 0.5) * window.size + window.fattening + ragged
         value = np.where(~two | (beyond > 0), of_front, of_back)
-        gap = window.gap * np.clip((step - window.edge) / (window.full_step - window.edge), 0.0, 1.0)
+        gap = window.gap * np.exp(window.gap_spread * smooth_field(rng, true.shape, zoom * window.size / 2))
+        gap *= np.clip((step - window.edge) / (window.full_step - window.edge), 0.0, 1.0)
         lost = (two & (beyond > 0) & (beyond < gap)) | (seen < _LEAST_SEEN)
         return np.where(lost, 0.0, value)
 
@@ -141,6 +145,14 @@ class WindowCamera:
         dark = smooth_field(rng, shape, zoom * drop.patch) > _threshold(drop.dark)
         speck = smooth_field(rng, shape, zoom * drop.speck) > _threshold(drop.speckle)
         return np.asarray(steep | dark | speck, dtype=np.bool_)
+
+
+def _registered(metres: Array, zoom: float) -> Array:
+    """The image as if each pixel of it took the nearest of the camera's own, `zoom` px wide where that is more than 1."""
+    if zoom <= 1.0:
+        return metres
+    v, u = (np.minimum((np.floor(np.arange(n) / zoom) + 0.5) * zoom, n - 1).astype(np.int64) for n in metres.shape)
+    return metres[np.ix_(v, u)]
 
 
 def _mean(values: Array, size: int) -> Array:
