@@ -148,7 +148,7 @@ class WindowCamera:
 
 
 def _registered(metres: Array, zoom: float) -> Array:
-    """The image as if each pixel of it took the nearest of the camera's own, `zoom` px wide where that is more than 1."""
+    """The image as if its pixels took the nearest of the camera's own, `zoom` px wide; finer ones all count."""
     if zoom <= 1.0:
         return metres
     v, u = (np.minimum((np.floor(np.arange(n) / zoom) + 0.5) * zoom, n - 1).astype(np.int64) for n in metres.shape)
