@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
-from pretouch_simulation.kinect import render
+from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.mesh import Mesh
 from pretouch_simulation.objects import box, can
 from pretouch_simulation.protocol import PLACE, TABLE, looking_at
@@ -33,7 +33,7 @@ def write_frame(folder: Path) -> Path:
     meshes = {"box": box(0.08, 0.06, 0.05), "can": can(0.03, 0.06)}
     places = {"box": [0.0, 0.0, 0.0], "can": [0.0, 0.13, 0.0]}
     bodies = [Body(meshes[name], Pose.of(np.eye(3), PLACE + np.array(places[name]))) for name in meshes]
-    depth, hit = render(World(bodies, TABLE), CAMERA, base_T_camera, np.random.default_rng(0), SHAPE)
+    image = Kinect().render(World(bodies, TABLE), CAMERA, base_T_camera, np.random.default_rng(0), SHAPE)
     objects: list[dict[str, Any]] = []
     for k, (name, mesh) in enumerate(meshes.items()):
         write_mesh(folder / f"{name}.obj", mesh)
@@ -41,8 +41,8 @@ def write_frame(folder: Path) -> Path:
         objects.append(
             {"name": name, "label": k + 3, "mesh": f"{name}.obj", "T_cam_obj": camera_T_object.matrix.tolist()}
         )
-    Image.fromarray(np.round(depth.metres * 10000).astype(np.uint16)).save(folder / "depth.png")
-    Image.fromarray(np.where(hit >= 0, hit + 3, 0).astype(np.uint8)).save(folder / "label.png")
+    Image.fromarray(np.round(image.depth.metres * 10000).astype(np.uint16)).save(folder / "depth.png")
+    Image.fromarray(np.where(image.bodies >= 0, image.bodies + 3, 0).astype(np.uint8)).save(folder / "label.png")
     description = {
         "width": SHAPE[1],
         "height": SHAPE[0],

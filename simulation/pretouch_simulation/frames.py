@@ -178,9 +178,8 @@ def frame_case(frame: Frame, name: str, seed: int) -> Case:
     ]
     world = World(bodies, frame.table.moved(base_T_camera))
     truth = hidden_offset(base_T_camera.apply(points), generator("frame", seed, frame.name, name))
-    return Case(
-        f"{frame.name} {name}", seed, frame.depth, frame.camera, truth.inverse() @ base_T_camera, mask, world, truth
-    )
+    extrinsics = truth.inverse() @ base_T_camera
+    return Case(f"{frame.name} {name}", seed, frame.depth, frame.camera, extrinsics, mask, world, truth, mask)
 
 
 def upright(table: Plane, centroid: NDArray[np.float64]) -> Pose:

@@ -13,7 +13,8 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Plane, Pose, rotation_from_vector, vector_from_rotation
-from pretouch_simulation.kinect import render
+from pretouch_simulation.depth_cameras import CameraModel, DepthCamera, realise
+from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.mesh import Mesh
 from pretouch_simulation.stable_pose import standing
 from pretouch_simulation.world import Body, World
@@ -27,6 +28,7 @@ CAMERA_PITCH = tuple(np.radians([40.0, 50.0]))
 OFFSET_TRANSLATION = 0.02
 OFFSET_ROTATION = float(np.radians(5.0))
 CHI2_6_95 = 12.59
+KINECT = Kinect()
 
 
 def generator(*names: object) -> np.random.Generator:
@@ -42,9 +44,10 @@ class Case:
     Attributes:
         name, view: which mesh, which of its views.
         depth, camera, base_T_camera: what a client has; the extrinsics are wrong.
-        mask: (h, w) bool, the true object pixels with a depth.
+        mask: (h, w) bool, the client's: where it takes the object to be and there is a depth.
         world: what the finger meets, at its true place in base.
         truth: the right `base_T_correction`.
+        scored: (h, w) bool, the true object pixels with a depth.
     """
 
     name: str
@@ -55,11 +58,12 @@ class Case:
     mask: NDArray[np.bool_]
     world: World
     truth: Pose
+    scored: NDArray[np.bool_]
 
     @cached_property
     def cloud(self) -> Array:
         """(n, 3), m: the object's points as the camera puts them in base."""
-        return self.base_T_camera.apply(self.camera.organised(self.depth.metres)[self.mask])
+        return self.base_T_camera.apply(self.camera.organised(self.depth.metres)[self.scored])
 
     def error(self, base_T_correction: Pose) -> float:
         """m: mean distance of the object's points, as corrected, from their true place."""
@@ -103,16 +107,17 @@ def _drawn(rng: np.random.Generator) -> tuple[Array, Array]:
     return turn, shift
 
 
-def make_case(name: str, mesh: Mesh, view: int, seed: int = 0) -> Case:
+def make_case(name: str, mesh: Mesh, view: int, seed: int = 0, camera: CameraModel = CameraModel.KINECT) -> Case:
     """View number `view` of `mesh` as it stands by itself; everything random is fixed by `seed`, `name` and `view`.
 
     Raises:
         InvalidInput: the camera does not see the object.
     """
-    return case_of(name, standing(mesh), view, generator("view", seed, name, view))
+    realised = realise(camera, generator("camera", seed, name, view))
+    return case_of(name, standing(mesh), view, generator("view", seed, name, view), realised)
 
 
-def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator) -> Case:
+def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator, camera: DepthCamera = KINECT) -> Case:
     """A view of a mesh that rests on z = 0, centred on x = y = 0, in a random yaw from a random place.
 
     Raises:
@@ -122,12 +127,12 @@ def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator) -> Ca
     world = World([Body(resting, base_T_mesh)], TABLE)
     middle = PLACE + np.array([0.0, 0.0, world.bodies[0].mesh.extents[2] / 2])
     true_camera = looking_at(middle, rng.uniform(*CAMERA_DISTANCE), rng.uniform(*CAMERA_PITCH))
-    depth, bodies = render(world, CAMERA, true_camera, rng)
-    mask = (bodies == 0) & (depth.metres > 0)
-    if not mask.any():
+    image = camera.render(world, CAMERA, true_camera, rng)
+    scored = (image.bodies == 0) & (image.depth.metres > 0)
+    if not (scored.any() and image.mask.any()):
         raise InvalidInput(f"The camera does not see {name}.", "Give a larger mesh, in metres.")
-    truth = hidden_offset(true_camera.apply(CAMERA.organised(depth.metres)[mask]), rng)
-    return Case(name, view, depth, CAMERA, truth.inverse() @ true_camera, mask, world, truth)
+    truth = hidden_offset(true_camera.apply(CAMERA.organised(image.depth.metres)[scored]), rng)
+    return Case(name, view, image.depth, CAMERA, truth.inverse() @ true_camera, image.mask, world, truth, scored)
 
 
 def looking_at(target: Array, distance: float, pitch: float) -> Pose:

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from pretouch_simulation import kinect
+from pretouch_simulation.depth_cameras import kinect
+from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.objects import box
 from pretouch_simulation.protocol import CAMERA, looking_at
 from pretouch_simulation.world import NOTHING, TABLE, Body, World
@@ -17,31 +18,31 @@ LOOKING_DOWN = np.diag([1.0, -1.0, -1.0])
 @pytest.mark.parametrize("depth", [0.6, 0.9, 1.5])
 def test_the_noise_on_a_wall_is_the_published_one(depth: float) -> None:
     camera = Camera(580.0, 580.0, 79.5, 59.5)
-    image, _ = kinect.render(
+    image = Kinect().render(
         World([], FLOOR), camera, Pose.of(LOOKING_DOWN, [0, 0, depth]), np.random.default_rng(0), (120, 160)
     )
-    assert (image.metres > 0).all()
-    assert image.metres.mean() == pytest.approx(depth, abs=2e-4)
-    assert image.metres.std() == pytest.approx(float(kinect.sigma_z(np.array(depth))), rel=0.06)
+    assert (image.depth.metres > 0).all()
+    assert image.depth.metres.mean() == pytest.approx(depth, abs=2e-4)
+    assert image.depth.metres.std() == pytest.approx(float(kinect.sigma_z(np.array(depth))), rel=0.06)
 
 
 def test_depth_comes_in_steps_of_an_eighth_of_a_pixel() -> None:
-    image, _ = kinect.render(
+    image = Kinect().render(
         World([], FLOOR), CAMERA, Pose.of(LOOKING_DOWN, [0, 0, 1.0]), np.random.default_rng(0), (48, 64)
     )
-    steps = kinect.BASELINE * kinect.FOCAL / image.metres.astype(float) * 8
+    steps = kinect.BASELINE * kinect.FOCAL / image.depth.metres.astype(float) * 8
     assert np.abs(steps - np.rint(steps)).max() < 1e-3
     assert len(np.unique(np.rint(steps))) > 3
 
 
 def test_labels_are_what_rays_meet_and_there_is_a_shadow_left_of_an_object() -> None:
     world = World([Body(box(0.1, 0.1, 0.2), Pose.identity())], FLOOR)
-    image, bodies = kinect.render(world, CAMERA, Pose.of(LOOKING_DOWN, [0, 0, 1.0]), np.random.default_rng(0))
-    assert set(np.unique(bodies)) == {0, TABLE}
-    v, u = np.nonzero(bodies == 0)
+    image = Kinect().render(world, CAMERA, Pose.of(LOOKING_DOWN, [0, 0, 1.0]), np.random.default_rng(0))
+    assert set(np.unique(image.bodies)) == {0, TABLE}
+    v, u = np.nonzero(image.bodies == 0)
     assert u.max() - u.min() == pytest.approx(0.1 / 0.8 * 525, abs=1.5)
     assert v.max() - v.min() == pytest.approx(0.1 / 0.8 * 525, abs=1.5)
-    rows = image.metres[210:270]
+    rows = image.depth.metres[210:270]
     left_edge, shadow_end = (319.5 + 525 * x for x in (-0.05 / 0.8, -0.05 - (0.075 + 0.05) * 0.2 / 0.8))
     dark = (rows == 0).mean(axis=0)
     reach = dark.sum()
@@ -53,24 +54,24 @@ def test_labels_are_what_rays_meet_and_there_is_a_shadow_left_of_an_object() -> 
 
 def test_the_edges_of_an_object_wander_by_about_a_pixel() -> None:
     world = World([Body(box(0.2, 0.2, 0.1), Pose.identity())], FLOOR)
-    image, bodies = kinect.render(world, CAMERA, Pose.of(LOOKING_DOWN, [0, 0, 0.9]), np.random.default_rng(1))
-    seen = (image.metres > 0) & (image.metres < 0.85)
-    differs = seen != (bodies == 0)
-    right = np.nonzero(bodies[240] == 0)[0].max()
+    image = Kinect().render(world, CAMERA, Pose.of(LOOKING_DOWN, [0, 0, 0.9]), np.random.default_rng(1))
+    seen = (image.depth.metres > 0) & (image.depth.metres < 0.85)
+    differs = seen != (image.bodies == 0)
+    right = np.nonzero(image.bodies[240] == 0)[0].max()
     assert 0.1 < differs[180:300, right - 1 : right + 2].mean() < 0.6
     assert not differs[180:300, right + 6 :].any()
 
 
 def test_a_camera_that_looks_at_nothing_has_no_depth() -> None:
-    image, bodies = kinect.render(
+    image = Kinect().render(
         World([], FLOOR), CAMERA, Pose.of(np.eye(3), [0, 0, 1.0]), np.random.default_rng(0), (20, 20)
     )
-    assert not image.metres.any()
-    assert (bodies == NOTHING).all()
+    assert not image.depth.metres.any()
+    assert (image.bodies == NOTHING).all()
 
 
 def test_the_same_seed_renders_the_same_image() -> None:
     world = World([Body(box(), Pose.identity())], FLOOR)
     view = looking_at(np.zeros(3), 0.9, 0.8)
-    first, again = (kinect.render(world, CAMERA, view, np.random.default_rng(5))[0].metres for _ in range(2))
+    first, again = (Kinect().render(world, CAMERA, view, np.random.default_rng(5)).depth.metres for _ in range(2))
     np.testing.assert_array_equal(first, again)

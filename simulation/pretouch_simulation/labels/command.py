@@ -7,6 +7,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated
@@ -17,6 +18,7 @@ from pretouch_registrar.engines import Engine
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.frame_task import frame_tasks
 from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe
@@ -60,6 +62,7 @@ def generate(
         bool, typer.Option("--best-only", help="Of kind trials: only the best rectangle's score is wanted.")
     ] = False,
     finger: Annotated[FingerModel, typer.Option(help="The simulated fingertip, of kind scans.")] = FingerModel.IDEAL,
+    camera: Annotated[CameraModel, typer.Option(help="The simulated depth camera of meshes.")] = CameraModel.KINECT,
     poses: Annotated[int, typer.Option(min=1, help="Resting poses of each mesh.")] = 2,
     views: Annotated[int, typer.Option(min=1, help="Views of each mesh in each pose.")] = 2,
     seed: Annotated[int, typer.Option(help="Another seed gives other views, rectangles and offsets.")] = 0,
@@ -76,8 +79,8 @@ def generate(
 
     The same command goes on where it was stopped.
     """
-    recipe = _recipe(kind, engine, rectangles, scanned, trials, best_only, finger, seed)
-    tasks = _tasks(meshes, made_in_code, frames, poses, views)[:limit]
+    recipe = replace(_recipe(kind, engine, rectangles, scanned, trials, best_only, finger, seed), camera=camera)
+    tasks = _tasks(meshes, made_in_code, frames, poses, views, camera)[:limit]
     dataset = Dataset.create(out, describe(recipe, shlex.join(["pretouch", *sys.argv[1:]])))
     console = Console(stderr=True)
     try:
@@ -122,11 +125,18 @@ def _recipe(
     )
 
 
-def _tasks(meshes: Path | None, made_in_code: int, frames: Path | None, poses: int, views: int) -> list[ViewTask]:
+def _tasks(
+    meshes: Path | None,
+    made_in_code: int,
+    frames: Path | None,
+    poses: int,
+    views: int,
+    camera: CameraModel,
+) -> list[ViewTask]:
     """Meshes in an order that mixes their sources, then what is made in code, then frames."""
     files = sorted(meshes_in(meshes), key=lambda path: mixed(path.stem)) if meshes else []
     seen: list[ViewTask] = [*frame_tasks(frames)] if frames else []
-    return [*tasks_of(files, made_in_code, poses, views), *seen] if files or made_in_code or not seen else seen
+    return [*tasks_of(files, made_in_code, poses, views, camera), *seen] if files or made_in_code or not seen else seen
 
 
 def _with_progress(

@@ -16,6 +16,7 @@ from pretouch_registrar.engines.batch import Matching
 
 from pretouch.errors import InvalidInput, PretouchError
 from pretouch.geometry import Array
+from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels import scans
 from pretouch_simulation.labels.task import ViewTask
@@ -43,6 +44,7 @@ class Recipe:
             to be best, the others drawn from the rest.
         best_only: only the winner's trials are all made, of `TRIALS`.
         finger: of `SCANS`.
+        camera: of views of meshes; frames have their own.
     """
 
     kind: Kind = Kind.SCANS
@@ -53,6 +55,7 @@ class Recipe:
     best_only: bool = False
     finger: FingerModel = FingerModel.IDEAL
     seed: int = 0
+    camera: CameraModel = CameraModel.KINECT
 
     def __post_init__(self) -> None:
         if self.kind is Kind.TRIALS and self.engine not in MATCHINGS:

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from pretouch.errors import InvalidInput
 from pretouch.scene import Scene
+from pretouch_simulation.depth_cameras import CameraModel, realise
 from pretouch_simulation.labels.procedural import procedural, procedural_name
 from pretouch_simulation.labels.view import LabelView, view_of
 from pretouch_simulation.mesh import load_mesh
@@ -54,11 +55,13 @@ class Task:
         source: the mesh file, or the number.
         pose: which of the object's resting poses; beyond the last they begin anew.
         view: which camera place and calibration error.
+        camera: which depth camera looks.
     """
 
     source: Path | int
     pose: int
     view: int
+    camera: CameraModel = CameraModel.KINECT
 
     @property
     def stem(self) -> str:
@@ -83,7 +86,7 @@ class Task:
     @property
     def provenance(self) -> dict[str, Any]:
         source = self.source.name if isinstance(self.source, Path) else "made in code"
-        return {"source": source, "pose": self.pose, "view": self.view}
+        return {"source": source, "pose": self.pose, "view": self.view, "camera": self.camera.value}
 
     def scene(self, seed: int) -> tuple[Scene, tuple[int, int]]:
         """What a session sees, and its first pixel; raises as `case`."""
@@ -107,10 +110,17 @@ class Task:
             poses[self.pose % len(poses)],
             self.view,
             generator("label view", seed, self.stem, self.pose, self.view),
+            realise(self.camera, generator("label camera", seed, self.stem, self.pose, self.view)),
         )
 
 
-def tasks_of(meshes: Sequence[Path], made_in_code: int, poses: int, views: int) -> list[Task]:
+def tasks_of(
+    meshes: Sequence[Path],
+    made_in_code: int,
+    poses: int,
+    views: int,
+    camera: CameraModel = CameraModel.KINECT,
+) -> list[Task]:
     """All views: every object once before any is seen again, so that each beginning of the list is a fair share.
 
     Raises:
@@ -119,4 +129,4 @@ def tasks_of(meshes: Sequence[Path], made_in_code: int, poses: int, views: int) 
     sources: list[Path | int] = [*meshes, *range(made_in_code)]
     if not sources:
         raise InvalidInput("There is no object to label.", "Give --meshes, --frames or --made-in-code.")
-    return [Task(source, pose, view) for view in range(views) for pose in range(poses) for source in sources]
+    return [Task(source, pose, view, camera) for view in range(views) for pose in range(poses) for source in sources]

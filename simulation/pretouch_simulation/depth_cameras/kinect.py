@@ -11,13 +11,15 @@ window, whose other half sees nothing.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Array, Pose
-from pretouch_simulation.world import Hits, World
+from pretouch_simulation.depth_cameras.rendering import SHAPE, Rendering, look
+from pretouch_simulation.world import World
 
 BASELINE = 0.075
 """m."""
@@ -26,13 +28,10 @@ FOCAL = 580.0
 STEPS_PER_PIXEL = 8
 RANGE = (0.4, 8.0)
 """m; there is no depth outside."""
-SHAPE = (480, 640)
 
-_WINDOW = 5
 _EDGE_STEP = 0.02
 """m; a neighbouring pixel further off than this lies on another surface."""
 _LATERAL_BLOCK = 2
-_SHADOW_TOLERANCE = 1e-3
 
 
 def sigma_z(depth: Array) -> Array:
@@ -46,52 +45,47 @@ def sigma_lateral(incidence: Array) -> Array:
     return np.asarray(0.8 + 0.035 * angle / (np.pi / 2 - angle), dtype=np.float64)
 
 
-def render(
-    world: World, camera: Camera, base_T_camera: Pose, rng: np.random.Generator, shape: tuple[int, int] = SHAPE
-) -> tuple[DepthImage, NDArray[np.int64]]:
-    """The depth image of `world` from a camera at `base_T_camera`, `shape` = (h, w).
+@dataclass(frozen=True)
+class Kinect:
+    """The camera.
 
-    Returns:
-        The image; and (h, w) the index of the body that each pixel's ray truly meets, `TABLE` or `NOTHING`.
+    Attributes:
+        noise: by how much the published noise, in depth and of edges, is multiplied.
+        window: px, of the correlation window that reaches into the shadow.
     """
-    v, u = np.indices(shape)
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(shape)], axis=-1).reshape(-1, 3)
-    hits = world.trace(np.broadcast_to(base_T_camera.translation, rays.shape), base_T_camera.rotate(rays))
-    true = hits.distances.reshape(shape)
-    seen = np.isfinite(true) & (true > 0)
-    lit = seen.copy()
-    lit[seen] = _lit(world, base_T_camera, rays[seen.ravel()] * true[seen][:, None])
-    disparity = np.where(lit, BASELINE * FOCAL / np.where(seen, true, 1.0), 0.0)
-    disparity = _reaching_into_shadow(disparity)
-    disparity = _ragged_edges(disparity, _incidence(hits, base_T_camera.rotate(rays)).reshape(shape), rng)
-    return DepthImage(_measured(disparity, rng).astype(np.float32)), hits.bodies.reshape(shape)
+
+    noise: float = 1.0
+    window: int = 5
+
+    def render(
+        self,
+        world: World,
+        camera: Camera,
+        base_T_camera: Pose,
+        rng: np.random.Generator,
+        shape: tuple[int, int] = SHAPE,
+    ) -> Rendering:
+        """The image of `world` from `base_T_camera`, `shape` = (h, w); its mask is the true one."""
+        sight = look(world, camera, base_T_camera, shape, BASELINE)
+        disparity = np.where(sight.lit, BASELINE * FOCAL / np.where(sight.depth > 0, sight.depth, 1.0), 0.0)
+        disparity = _reaching_into_shadow(disparity, self.window)
+        disparity = _ragged_edges(disparity, sight.incidence, self.noise, rng)
+        depth = DepthImage(_measured(disparity, self.noise, rng).astype(np.float32))
+        return Rendering(depth, sight.bodies, (sight.bodies == 0) & (depth.metres > 0))
 
 
-def _lit(world: World, base_T_camera: Pose, points: Array) -> NDArray[np.bool_]:
-    """(n,) whether the projector reaches `points` (n, 3), given in the camera frame."""
-    projector = np.array([BASELINE, 0.0, 0.0])
-    origins = np.broadcast_to(base_T_camera.apply(projector), points.shape)
-    reached = world.cast(origins, base_T_camera.rotate(points - projector))
-    return np.asarray(reached > 1.0 - _SHADOW_TOLERANCE, dtype=np.bool_)
-
-
-def _incidence(hits: Hits, rays: Array) -> Array:
-    cosine = np.abs(np.einsum("ij,ij->i", hits.normals, rays)) / np.linalg.norm(rays, axis=1)
-    return np.asarray(np.arccos(np.clip(cosine, 0.0, 1.0)), dtype=np.float64)
-
-
-def _reaching_into_shadow(disparity: Array) -> Array:
+def _reaching_into_shadow(disparity: Array, window: int) -> Array:
     """An unlit pixel takes the nearest surface that its correlation window sees."""
-    grown = ndimage.maximum_filter(disparity, size=_WINDOW)
+    grown = ndimage.maximum_filter(disparity, size=window)
     return np.where(disparity > 0, disparity, grown)
 
 
-def _ragged_edges(disparity: Array, incidence: Array, rng: np.random.Generator) -> Array:
+def _ragged_edges(disparity: Array, incidence: Array, scale: float, rng: np.random.Generator) -> Array:
     """Moves the edges of surfaces by the lateral noise, the same for blocks of 2 x 2 pixels."""
     h, w = disparity.shape
     blocks = -(-h // _LATERAL_BLOCK), -(-w // _LATERAL_BLOCK)
     normal = rng.standard_normal((2, *blocks)).repeat(_LATERAL_BLOCK, axis=1).repeat(_LATERAL_BLOCK, axis=2)[:, :h, :w]
-    shift = np.rint(normal * sigma_lateral(incidence)).astype(np.int64)
+    shift = np.rint(normal * (scale * sigma_lateral(incidence))).astype(np.int64)
     v, u = np.indices((h, w))
     moved = disparity[np.clip(v + shift[0], 0, h - 1), np.clip(u + shift[1], 0, w - 1)]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -99,12 +93,12 @@ def _ragged_edges(disparity: Array, incidence: Array, rng: np.random.Generator) 
     return np.where(gap > _EDGE_STEP, moved, disparity)
 
 
-def _measured(disparity: Array, rng: np.random.Generator) -> Array:
+def _measured(disparity: Array, scale: float, rng: np.random.Generator) -> Array:
     """Depth, m, 0 = none, from true disparities, px, 0 = none."""
     noise = rng.standard_normal(disparity.shape)
     there = disparity > 0
     depth = BASELINE * FOCAL / np.where(there, disparity, 1.0)
-    spread = sigma_z(depth) * BASELINE * FOCAL / depth**2
+    spread = scale * sigma_z(depth) * BASELINE * FOCAL / depth**2
     spread = np.sqrt(np.maximum(spread**2 - 1.0 / (12.0 * STEPS_PER_PIXEL**2), 0.0))
     steps = np.rint((disparity + noise * spread) * STEPS_PER_PIXEL)
     measured = BASELINE * FOCAL * STEPS_PER_PIXEL / np.maximum(steps, 1.0)
