@@ -15,12 +15,16 @@ from pretouch_simulation.fingers.spot import Spot
 
 SENSOR = Sensor(range_min=0.01, range_std=0.002, beam_half_angle=float(np.radians(12.5)))
 """What the user states."""
+_SPAN = (SENSOR.range_min, SENSOR.range_max)
 WIDTH = (0.8, 1.25)
 """The true half angle over the stated one."""
 NEARNESS = (0.007, 0.014)
 """m."""
 BIAS = 0.0007
 """m."""
+GAIN = 0.005
+BEND = np.array([0.1, 0.1, 0.2, 0.2]) * 1e-3
+"""m rms by degree: what a cubic leaves of a TMF8820 (docs/results/fingers.md)."""
 DARKEST = 0.25
 """The reflectance of the darkest thing, against the wall that the module was calibrated on."""
 
@@ -32,9 +36,7 @@ def draw_cone(rng: np.random.Generator) -> ConeFinger:
     errors = Errors(
         noise=0.0015,
         bias=BIAS,
-        curve=RangeCurve(
-            0.005 * rng.standard_normal(), tuple((np.array([2, 4, 3]) * 1e-4 * rng.standard_normal(3)).tolist())
-        ),
+        curve=RangeCurve(_SPAN, float(GAIN * rng.standard_normal()), tuple((BEND * rng.standard_normal(4)).tolist())),
         step=0.001,
         least_range=0.01,
         least_signal=0.05,

@@ -14,7 +14,7 @@ from pretouch_simulation.fingers.range_curve import RangeCurve
 from pretouch_simulation.fingers.status import Status
 from pretouch_simulation.world import World
 
-_NOISE_SCALE = (0.7, 2.0)
+_NOISE_SCALE = (0.7, 1.4)
 _EARLY = 0.3
 """Share of the flagged measurements that say early convergence, the others a poor signal."""
 
@@ -25,7 +25,7 @@ class Errors:
 
     Attributes:
         noise: m, standard deviation of one range on the calibration's wall; elsewhere it goes with the signal^-1/2, as
-            shot noise, within 0.7 to 2 times.
+            shot noise, within 0.7 to 1.4 times.
         bias: m, standard deviation of what all ranges of a scan share.
         curve: of the range.
         step: m, what ranges are rounded to; 0: not.

@@ -35,11 +35,13 @@ MISSTATED = 1.5
 BIAS = 0.001
 """m, the greatest standard deviation between scans."""
 GAIN = 0.01
-LINE_LEFT = np.array([0.6, 0.5, 0.2]) * 1e-3
-"""m rms by the degrees 2, 3, 4: what a calibration by a line leaves."""
-CUBIC_LEFT = np.array([0.1, 0.1, 0.3]) * 1e-3
+LINE_LEFT = np.array([0.7, 0.2, 0.2, 0.2]) * 1e-3
+"""m rms by degree, from 2 on: what a calibration by a line leaves of a TMF8820 (docs/results/fingers.md)."""
+CUBIC_LEFT = np.array([0.1, 0.1, 0.2, 0.2]) * 1e-3
 """The same of a cubic's."""
 LEAST_RANGE = (0.008, 0.027)
+"""m."""
+RANGE_MAX = 0.10
 """m."""
 LEAST_SIGNAL = (0.01, 0.06)
 DARKEST = 0.15
@@ -52,6 +54,7 @@ def draw_random(rng: np.random.Generator) -> ConeFinger:
     response, stated_half_angle = _response(rng)
     errors = _errors(rng)
     sensor = Sensor(
+        range_max=RANGE_MAX,
         range_min=float(np.ceil(errors.least_range * 1000) / 1000),
         range_std=errors.noise * float(MISSTATED ** rng.uniform(-1, 1)),
         beam_half_angle=stated_half_angle,
@@ -76,13 +79,15 @@ def _response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
 
 
 def _errors(rng: np.random.Generator) -> Errors:
+    least_range = float(rng.uniform(*LEAST_RANGE))
     left = LINE_LEFT if rng.uniform() < 0.5 else CUBIC_LEFT
+    bend = tuple((left * rng.standard_normal(len(left))).tolist())
     return Errors(
         noise=_log_uniform(rng, *NOISE),
         bias=float(rng.uniform(0, BIAS)),
-        curve=RangeCurve(float(GAIN * rng.standard_normal()), tuple((left * rng.standard_normal(3)).tolist())),
+        curve=RangeCurve((least_range, RANGE_MAX), float(GAIN * rng.standard_normal()), bend),
         step=0.001 if rng.uniform() < 0.5 else 0.0,
-        least_range=float(rng.uniform(*LEAST_RANGE)),
+        least_range=least_range,
         least_signal=_log_uniform(rng, *LEAST_SIGNAL),
         flagged=float(rng.uniform(0, FLAGGED)),
         outliers=float(rng.uniform(0, OUTLIERS)),
