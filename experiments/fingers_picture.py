@@ -90,8 +90,8 @@ def _draw_scan(axes: Any, world: World, fingers: Mapping[str, Finger], title: st
         shown = np.nanmedian(np.where(there, ranges, 0.0), axis=0)
         axes.plot(_MM * x, _MM * np.where(there, TIP - shown, np.nan), lw=1, color=f"C{k}", label=name)
     axes.set(
-        title=f"{title}: tip height less range, median of {_SCANS} scans",
+        title=f"{title}, median of {_SCANS} scans",
         xlabel="mm along the scan",
-        ylabel="mm above the table",
+        ylabel="tip height less range, mm",
     )
     axes.set_ylim(-8, 40)
