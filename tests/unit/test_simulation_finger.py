@@ -83,6 +83,18 @@ def test_near_an_edge_the_cone_sees_a_mixture_and_the_thin_beam_does_not() -> No
     assert beside[0] == pytest.approx(0.07, abs=0.006)
 
 
+def test_the_ideal_finger_and_the_vl6180x_measure_as_they_always_did() -> None:
+    poses = looking_down(0.05, 12)
+    poses[:, 2, 3] = np.linspace(0.005, 0.105, 12)
+    ideal, status = finger_of(FingerModel.IDEAL).measure(FLOOR, poses, np.random.default_rng(6))
+    expected = poses[:, 2, 3] + np.random.default_rng(6).normal(0.0, 0.0015, 12)
+    np.testing.assert_array_equal(ideal[1:-1], expected[1:-1])
+    assert status.tolist() == [Status.RANGE_UNDERFLOW, *[Status.OK] * 10, Status.NO_TARGET]
+    real, status = finger_of(FingerModel.VL6180X).measure(FLOOR, poses, np.random.default_rng(6))
+    np.testing.assert_allclose(1000 * real, [11, 16, 21, 32, 43, 53, 61, 72, 79, 89, 98, np.nan], atol=1e-9)
+    assert status.tolist() == [Status.OK] * 11 + [Status.NO_TARGET]
+
+
 @pytest.mark.parametrize("model", list(FingerModel))
 def test_the_same_seed_measures_the_same(model: FingerModel) -> None:
     first, again = (
