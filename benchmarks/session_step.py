@@ -15,7 +15,7 @@ from pretouch_orchestrator.loop import Loop
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.warm_up import warm_up
 from pretouch_simulation.demo import request_for
-from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.fingers.thin_beam import ThinBeam
 from pretouch_simulation.frame_demo import direct_finger
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.objects import MAKERS
@@ -25,7 +25,7 @@ from pretouch_simulation.services import Services
 from pretouch.client import RestClient
 
 SEEDS = range(3)
-_MODEL = FingerModel.IDEAL
+_FINGER = ThinBeam()
 
 
 def measure() -> dict[str, float]:
@@ -46,9 +46,9 @@ def measure() -> dict[str, float]:
 
 def _served(url: str, case: Case) -> list[float]:
     """Seconds of each submitted scan of one session."""
-    execute, steps = direct_finger(case, _MODEL), []
+    execute, steps = direct_finger(case, _FINGER), []
     with RestClient(url, timeout=60.0) as client:
-        session = client.create_session(request_for(case, _MODEL), case.depth.metres, case.mask)
+        session = client.create_session(request_for(case, _FINGER.sensor), case.depth.metres, case.mask)
         while session.next_scan is not None:
             submission, _ = execute(session.next_scan)
             start = time.perf_counter()
@@ -58,9 +58,9 @@ def _served(url: str, case: Case) -> list[float]:
 
 
 async def _in_process(case: Case) -> list[float]:
-    execute, steps = direct_finger(case, _MODEL), []
+    execute, steps = direct_finger(case, _FINGER), []
     loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.POSTERIOR))
-    record = await loop.open("benchmark", 0.0, request_for(case, _MODEL), case.depth, case.mask)
+    record = await loop.open("benchmark", 0.0, request_for(case, _FINGER.sensor), case.depth, case.mask)
     while record.next_scan is not None:
         _, samples = execute(record.next_scan)
         start = time.perf_counter()

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import psutil
-from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.fingers.thin_beam import ThinBeam
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import PLACE, TABLE, Case, generator, make_case
 from pretouch_simulation.scanning import scan_along
@@ -133,7 +133,7 @@ def _scans(case: Case) -> list[Scan]:
         along = np.array([np.cos(k), np.sin(k), 0.0])
         tip[:, :3, 3] = PLACE + np.outer([-reach, reach], along) + [0.0, 0.0, extents[2] + 0.035]
         path = Trajectory(np.array([0.0, 2 * reach / 0.05]), tip.copy())
-        samples = scan_along(case.world, path, Sensor(), FingerModel.IDEAL, generator("memory", SEED, case.name, k))
+        samples = scan_along(case.world, path, Sensor(), ThinBeam(), generator("memory", SEED, case.name, k))
         scans.append(scan_to_proto(samples.beams(Sensor())))
     return scans
 

@@ -20,7 +20,7 @@ from pretouch.session import Proposer
 SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).resolve().parents[2] / "shared"))
 RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 PROPOSERS = (Proposer.RANDOM, Proposer.NARF, Proposer.STABILITY, Proposer.DEEP)
-_SECONDS = {"ideal": 0.18, "vl6180x": 0.35, PAPER: 0.015}
+_SECONDS = {"ideal": 0.18, "vl6180x": 0.35, "cone": 0.35, "random": 0.35, PAPER: 0.015}
 """Of one core, for one scan and its match."""
 _VIEW_SECONDS, _LABELLED_VIEW_SECONDS = 1.0, 12.0
 

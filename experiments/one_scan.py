@@ -21,7 +21,7 @@ from pretouch_detector.spread import spread
 from pretouch_detector.training import trials
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Settings, register
-from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.finger import FingerModel, realise
 from pretouch_simulation.frames import frame_case, load_frame
 from pretouch_simulation.labels import scans
 from pretouch_simulation.labels.view import LabelView, view_of
@@ -35,7 +35,7 @@ from pretouch.geometry import Array, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import Proposer
-from pretouch.tof import Scan
+from pretouch.tof import Scan, Sensor
 
 CANDIDATES = "candidates"
 """The subject that is no proposer's: random rectangles among which the oracle chooses."""
@@ -72,7 +72,7 @@ class Job:
     """One target scanned in one way along the rectangles of one subject.
 
     Attributes:
-        setup: "ideal" or "vl6180x", the finger on the displaced mesh and engine `posterior`; "paper", the paper's own
+        setup: a `FingerModel`, the finger on the displaced mesh and engine `posterior`; "paper", the paper's own
             setting, the source cut out of the moved cloud and engine `paper`.
         subject: a proposer's name, CANDIDATES, RCNN or ALGORITHM_1.
         count: rectangles; a proposer may give fewer.
@@ -168,19 +168,19 @@ def seen(target: Target, seed: int) -> LabelView:
     return view_of(make_case(target.path.stem, load_mesh(target.path), target.view, seed))
 
 
-def first_regions(scene: Scene, proposer: Proposer, finger: FingerModel, count: int) -> list[ProposedRegion]:
+def first_regions(scene: Scene, proposer: Proposer, sensor: Sensor, count: int) -> list[ProposedRegion]:
     """The first `count` regions that a session on this scene would be given.
 
     Raises:
         Unavailable: the proposer is not ready.
     """
     seed = zlib.crc32(scene.depth.metres.tobytes())
-    return propose(scene, proposer, sensor_of(finger), max(count, _SESSION_REGIONS), seed).regions[:count]
+    return propose(scene, proposer, sensor, max(count, _SESSION_REGIONS), seed).regions[:count]
 
 
 def _scored(job: Job) -> dict[str, Any]:
     view = seen(job.target, job.seed)
-    finger = FingerModel.IDEAL if job.setup == PAPER else FingerModel(job.setup)
+    sensor = _scoring(job).finger.sensor
     foretold = job.subject == CANDIDATES and job.setup != PAPER
     if job.subject == RCNN:
         regions = two_stage.regions(rcnn_network.load(FOLDER, 1), view.scene, job.count)
@@ -188,7 +188,7 @@ def _scored(job: Job) -> dict[str, Any]:
         regions = _by_labels(view.scene, job)
     else:
         proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
-        regions = first_regions(view.scene, proposer, finger, job.count)
+        regions = first_regions(view.scene, proposer, sensor, job.count)
     rectangles = [region.rectangle for region in regions]
     errors, foreseen, pathless = _errors(view, rectangles, job, foretold)
     cloud, truths = view.scene.cloud, _truths(view, job)
@@ -209,6 +209,11 @@ def _by_labels(scene: Scene, job: Job) -> list[ProposedRegion]:
     return [ProposedRegion(RotatedRectangle(*ranked[k]), 0.5) for k in spread(ranked, job.count)]
 
 
+def _scoring(job: Job) -> scans.Scoring:
+    model = FingerModel.IDEAL if job.setup == PAPER else FingerModel(job.setup)
+    return scans.Scoring(finger=realise(model, generator("finger-model", job.seed, job.target.name)))
+
+
 def _truths(view: LabelView, job: Job) -> list[Pose]:
     names = ("hidden offset", job.seed, job.target.name)
     return [offset_about(view.scene.centroid, generator(*names, k)) for k in range(job.offsets)]
@@ -219,7 +224,7 @@ def _errors(
 ) -> tuple[Array, Array, int]:
     """Errors (r, o), m, what was foretold of them (r,), m, and how many rectangles have no path."""
     errors = np.full((len(rectangles), job.offsets), np.nan)
-    scoring = scans.Scoring(finger=FingerModel.IDEAL if job.setup == PAPER else FingerModel(job.setup))
+    scoring = _scoring(job)
     paths = [None] * len(rectangles) if job.setup == PAPER else scans.paths_of(view, rectangles, scoring)
     for o, truth in enumerate(_truths(view, job)):
         for k, rectangle in enumerate(rectangles):

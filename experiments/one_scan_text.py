@@ -27,6 +27,8 @@ PAPER_MEAN = {"random": (1.98, 1.14), "narf": (1.97, 1.26), "deep": (1.16, 0.50)
 TITLES = {
     "ideal": "Real setting, ideal finger: the finger scans the displaced mesh, engine `posterior`",
     "vl6180x": "Real setting, VL6180X: the finger scans the displaced mesh, engine `posterior`",
+    "cone": "Real setting, an unknown cone: the finger scans the displaced mesh, engine `posterior`",
+    "random": "Real setting, a finger drawn anew for each view scans the displaced mesh, engine `posterior`",
     PAPER: "The paper's own setting: source cut out of the moved cloud, engine `paper`",
 }
 _HEADINGS = (

@@ -26,7 +26,7 @@ from pretouch_orchestrator.loop import Loop
 from pretouch_orchestrator.path import plan_paths
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Settings, predict, register
-from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.fingers.thin_beam import ThinBeam
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.labels.view import LabelView
 from pretouch_simulation.mesh import load_mesh
@@ -222,7 +222,7 @@ class Session:
     def after(self, path: Trajectory, *name: object) -> Session:
         """The session once `path` is scanned, its noise fixed by the session's names and `name`."""
         names = (*self.names, *name)
-        scan = self.view.seen.scanned(self.truth, path, FingerModel.IDEAL, generator(*names))
+        scan = self.view.seen.scanned(self.truth, path, ThinBeam(), generator(*names))
         scans = (*self.scans, scan)
         return replace(self, scans=scans, estimate=register(self.view.scene, scans, Settings()), names=names)
 

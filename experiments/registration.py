@@ -47,6 +47,7 @@ ENGINES = [*(engine for engine in Engine if engine is not Engine.POSTERIOR), Eng
 SCANS_TOLD, SCANS_DRAWN, SCANS_FAILED = (0, 1, 2, 3, 5), (1, 2, 4), (1, 3)
 """After how many scans: lines of the tables; lines of the pictures; worst runs."""
 WORST = 5
+SENSORS = (FingerModel.IDEAL, FingerModel.VL6180X)
 PEER = "map"
 """The engine that the last one is compared with by object."""
 
@@ -69,7 +70,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=4)
     parser.add_argument("--scans", type=int, default=5)
     parser.add_argument("--engines", type=Engine, nargs="+", choices=list(Engine), default=ENGINES)
-    parser.add_argument("--sensors", type=FingerModel, nargs="+", choices=list(FingerModel), default=list(FingerModel))
+    parser.add_argument("--sensors", type=FingerModel, nargs="+", choices=list(FingerModel), default=SENSORS)
     parser.add_argument("--shared-scans", action="store_true", help="all engines match the scans that the last plans")
     start(parser, run)
 

@@ -1,7 +1,7 @@
 """Error against the share of the object scanned: the paper's Figs. 5 and 6, and the same with scans planned otherwise.
 
     python experiments/sequence.py [--meshes DIR] [--proposers random narf stability deep] [--views 1] [--scans 6]
-        [--planners confidence information] [--sensor ideal|vl6180x] [--pictures 3] [--out docs/results]
+        [--planners confidence information] [--sensor ideal|vl6180x|cone|random] [--pictures 3] [--out docs/results]
 
 Whole sessions by the evaluation protocol, engine `posterior`: scans in the order of the proposer's confidence, as in
 the paper, beside the order by what the registrar foretells (PredictScans). Writes sequence.md, sequence.json,

@@ -35,6 +35,7 @@ from pretouch.session import Proposer
 
 FIRST = 10
 SETTINGS = ("real", PAPER)
+SENSORS = (FingerModel.IDEAL, FingerModel.VL6180X)
 _ORDER = (CANDIDATES, *PROPOSERS, ALGORITHM_1)
 
 
@@ -47,7 +48,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=2)
     parser.add_argument("--offsets", type=int, default=4)
     parser.add_argument("--settings", nargs="+", choices=SETTINGS, default=list(SETTINGS))
-    parser.add_argument("--sensors", type=FingerModel, nargs="+", choices=list(FingerModel), default=list(FingerModel))
+    parser.add_argument("--sensors", type=FingerModel, nargs="+", choices=list(FingerModel), default=SENSORS)
     parser.add_argument("--candidates", type=int, default=60, help="0: no oracle")
     parser.add_argument("--oracle", nargs="*", choices=[*FingerModel, PAPER], default=[FingerModel.IDEAL, PAPER])
     parser.add_argument("--oracle-views", type=int, default=1)

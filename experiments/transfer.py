@@ -1,7 +1,7 @@
 """What carries over to real depth frames, on which nothing was trained or tuned.
 
     python experiments/transfer.py [--frames DIR] [--scenes DIR] [--proposers random narf stability deep] [--offsets 4]
-        [--settings real paper] [--sensor ideal|vl6180x] [--candidates 0] [--sheet 12] [--out docs/results]
+        [--settings real paper] [--sensor ideal|vl6180x|cone|random] [--candidates 0] [--sheet 12] [--out docs/results]
 
 With ground truth (`--frames`, data/real_depth/ycb_video of PRETOUCH_SHARED unless given): the first and the last frame
 of each video, every object with more than 1000 pixels of depth; each of a proposer's first ten rectangles is scanned
@@ -27,9 +27,10 @@ from command_line import start
 from one_scan import PAPER, Job, Target, first_regions
 from one_scan_picture import save
 from one_scan_text import section
-from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.finger import FingerModel, realise
 from pretouch_simulation.frames import load_frame
 from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks
+from pretouch_simulation.protocol import generator
 from pretouch_simulation.split import mixed
 from proposals_picture import Proposed, save_sheet
 from rich.console import Console
@@ -121,7 +122,8 @@ def _sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missin
         shown, times = [], []
         for task, scene in views:
             started = time.perf_counter()
-            regions = first_regions(scene, proposer, arguments.sensor, FIRST)
+            sensor = realise(arguments.sensor, generator("finger-model", arguments.seed, task.name)).sensor
+            regions = first_regions(scene, proposer, sensor, FIRST)
             times.append(time.perf_counter() - started)
             best = f", best {regions[0].confidence:.2f}" if regions else ""
             shown.append(Proposed(f"{task.name}: {len(regions)} regions{best}", scene, regions[:DRAWN]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.fingers.thin_beam import ThinBeam
 from pretouch_simulation.protocol import PLACE, TABLE, Case, generator
 from pretouch_simulation.scanning import scan_along
 
@@ -21,7 +21,7 @@ def mesh_target_of(case: Case) -> MeshTarget:
 def blind_scans(case: Case, count: int = 4) -> list[Scan]:
     """Straight scans at random across where the object truly stands, 35 mm above its top."""
     extents = case.world.bodies[0].mesh.extents
-    sensor, reach = sensor_of(FingerModel.IDEAL), float(extents[:2].max()) / 2 + 0.03
+    finger, reach = ThinBeam(), float(extents[:2].max()) / 2 + 0.03
     scans = []
     for k in range(count):
         rng = generator("blind", case.name, case.view, k)
@@ -33,5 +33,5 @@ def blind_scans(case: Case, count: int = 4) -> list[Scan]:
         tip[:, :2, 3] = middle - reach * along, middle + reach * along
         tip[:, 2, 3] = extents[2] + 0.035
         path = Trajectory(np.array([0.0, 2 * reach / 0.05]), tip)
-        scans.append(scan_along(case.world, path, sensor, FingerModel.IDEAL, rng).beams(sensor))
+        scans.append(scan_along(case.world, path, finger.sensor, finger, rng).beams(finger.sensor))
     return scans

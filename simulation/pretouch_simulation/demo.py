@@ -10,7 +10,6 @@ from pretouch.client import SyncClient, drive
 from pretouch.geometry import Array
 from pretouch.session import Budget, Region, ScanPlan, Session, SessionRequest, Submission
 from pretouch.tof import RangeSamples, Sensor
-from pretouch_simulation.finger import FingerModel, sensor_of
 from pretouch_simulation.protocol import Case
 
 Execute = Callable[[ScanPlan], tuple[Submission, RangeSamples]]
@@ -56,11 +55,9 @@ class Recording:
         return [regions[scan.region_id] for scan in self.last.scans]
 
 
-def request_for(case: Case, model: FingerModel, budget: Budget | None = None) -> SessionRequest:
+def request_for(case: Case, sensor: Sensor, budget: Budget | None = None) -> SessionRequest:
     """What the robot asks for: everything as it comes, but for the sensor it has and the budget, if given."""
-    return SessionRequest(
-        case.camera, case.base_T_camera, depth_scale=1.0, sensor=sensor_of(model), budget=budget or Budget()
-    )
+    return SessionRequest(case.camera, case.base_T_camera, depth_scale=1.0, sensor=sensor, budget=budget or Budget())
 
 
 def record(

@@ -18,7 +18,7 @@ from pretouch.errors import PretouchError
 from pretouch.geometry import Pose
 from pretouch.session import Budget, Planner, Proposer, SessionRequest, Tolerance
 from pretouch_simulation.evaluation_rows import Detail, Row, Run
-from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.finger import Finger, FingerModel, realise
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.objects import box
@@ -108,6 +108,11 @@ def warm_up(protocols: Sequence[Protocol]) -> None:
             asyncio.run(_session(case, replace(protocol, scans=1)))
 
 
+def finger_of(case: Case, protocol: Protocol) -> Finger:
+    """The fingertip of the protocol's run on `case`: one for all of its scans."""
+    return realise(protocol.sensor, generator("finger-model", protocol.seed, case.name, case.view))
+
+
 def request_of(case: Case, protocol: Protocol) -> SessionRequest:
     """What a client asks for: budgets so wide that only the number of scans counts."""
     return SessionRequest(
@@ -116,7 +121,7 @@ def request_of(case: Case, protocol: Protocol) -> SessionRequest:
         depth_scale=1.0,
         tolerance=Tolerance(error=protocol.tolerance),
         budget=Budget(scans=protocol.scans, seconds=1e6, fraction=1.0),
-        sensor=sensor_of(protocol.sensor),
+        sensor=finger_of(case, protocol).sensor,
         proposer=protocol.proposer,
         planner=protocol.planner,
     )
@@ -148,11 +153,11 @@ async def _session(case: Case, protocol: Protocol, upto: int | None = None) -> l
     started = time.perf_counter()
     record = await loop.open(f"{case.name}-{case.view}", 0.0, request_of(case, protocol), case.depth, case.mask)
     opening = time.perf_counter() - started
-    steps: list[Step] = []
+    finger, steps = finger_of(case, protocol), list[Step]()
     while record.next_scan is not None and len(steps) < most:
         plan = record.next_scan
         rng = generator("finger", protocol.seed, case.name, case.view, len(steps))
-        samples = scan_along(case.world, plan.path, record.request.sensor, protocol.sensor, rng)
+        samples = scan_along(case.world, plan.path, record.request.sensor, finger, rng)
         started = time.perf_counter()
         record = await loop.advance(record, plan.scan_id, samples)
         seconds = time.perf_counter() - started + (opening if not steps else 0.0)

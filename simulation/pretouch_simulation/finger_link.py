@@ -37,7 +37,7 @@ class FingerProcess:
 
     @staticmethod
     def in_world(world: Path, sensor: str = "ideal", seed: int = 0, rate: float = 30.0) -> FingerProcess:
-        """A finger in a world that `World.save` wrote; `rate` in samples per second."""
+        """A finger in a world that `World.save` wrote, realised by generator("finger-model", seed); `rate` in Hz."""
         options = {"--world": world, "--sensor": sensor, "--seed": seed, "--rate": rate}
         pairs = [str(part) for option in options.items() for part in option]
         return FingerProcess([sys.executable, "-m", "pretouch_simulation.finger_process", *pairs])

@@ -36,7 +36,10 @@ from pretouch.geometry import Array
 from pretouch.trajectory import Trajectory
 
 Measure = Callable[[Array], tuple[Array, NDArray[np.int64]]]
-"""Module poses (n, 4, 4) in base to ranges (n,), m, NaN = none, and status codes (n,)."""
+"""Module poses (n, 4, 4) in base to ranges (n,), m, NaN = none, and status codes (n,).
+
+What a finger draws once a scan is here drawn once a batch.
+"""
 
 NO_TARGET = 7
 MAX_DRIFT = 50e-6
@@ -190,14 +193,15 @@ def main() -> int:
     """Command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m pretouch_simulation.finger_process", description=__doc__)
     parser.add_argument("--world", type=Path, required=True, help="file that World.save wrote")
-    parser.add_argument("--sensor", choices=("ideal", "vl6180x"), default="ideal")
+    parser.add_argument("--sensor", choices=("ideal", "vl6180x", "cone", "random"), default="ideal")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rate", type=float, default=30.0, help=f"samples per second, at most {MAX_RATE:g}")
     arguments = parser.parse_args()
     if not 0 < arguments.rate <= MAX_RATE or arguments.seed < 0:
         parser.error(f"need 0 < rate <= {MAX_RATE:g} and a seed of 0 or more")
 
-    from pretouch_simulation.finger import measure  # open3d takes a second to load
+    from pretouch_simulation.finger import FingerModel, realise  # open3d takes a second to load
+    from pretouch_simulation.protocol import generator
     from pretouch_simulation.world import World
 
     try:
@@ -206,8 +210,9 @@ def main() -> int:
         print(f"{error.detail} {error.remedy}", file=sys.stderr)
         return 2
     rng = np.random.default_rng(arguments.seed)
-    measure(world, np.eye(4)[None], arguments.sensor, rng)  # builds the ray caster before the first frame is due
-    run(lambda poses: measure(world, poses, arguments.sensor, rng), arguments.rate, arguments.seed)
+    finger = realise(FingerModel(arguments.sensor), generator("finger-model", arguments.seed))
+    finger.measure(world, np.eye(4)[None], rng)  # builds the ray caster before the first frame is due
+    run(lambda poses: finger.measure(world, poses, rng), arguments.rate, arguments.seed)
     return 0
 
 

@@ -11,7 +11,7 @@ from pretouch.client import RestClient
 from pretouch.geometry import Array, Pose
 from pretouch.session import ScanPlan, Submission
 from pretouch_simulation.demo import Execute, Recording, record, request_for
-from pretouch_simulation.finger import FingerModel, measure, sensor_of
+from pretouch_simulation.finger import Finger, FingerModel, realise
 from pretouch_simulation.protocol import Case, generator
 from pretouch_simulation.robot import DirectRobot
 from pretouch_simulation.services import Services
@@ -46,8 +46,9 @@ def run_frame(services: Services, case: Case, model: FingerModel) -> Result:
     """Runs a REST session on `case` to its end; the seed of the finger's noise is fixed by the case."""
     recording = Recording(case.name, case)
     with RestClient(services.rest, timeout=_TIMEOUT) as client:
-        finger = direct_finger(case, model)
-        for _ in record(client, recording, request_for(case, model), mask=True, execute=finger):
+        finger = finger_of(case, model)
+        request = request_for(case, finger.sensor)
+        for _ in record(client, recording, request, mask=True, execute=direct_finger(case, finger)):
             pass
     last = recording.last
     return Result(
@@ -62,14 +63,19 @@ def run_frame(services: Services, case: Case, model: FingerModel) -> Result:
     )
 
 
-def direct_finger(case: Case, model: FingerModel) -> Execute:
+def finger_of(case: Case, model: FingerModel) -> Finger:
+    """The fingertip of the case's session."""
+    return realise(model, generator("finger-model", case.name, case.view))
+
+
+def direct_finger(case: Case, finger: Finger) -> Execute:
     """A robot that makes scans of the case's world without spending time on them."""
     rng = generator("finger", case.name, case.view)
 
     def measured(base_T_tip: Array) -> tuple[Array, Any]:
-        return measure(case.world, base_T_tip, model, rng)
+        return finger.measure(case.world, base_T_tip, rng)
 
-    robot = DirectRobot(measured, sensor_of(model).rate)
+    robot = DirectRobot(measured, finger.sensor.rate)
 
     def execute(plan: ScanPlan) -> tuple[Submission, Any]:
         samples = robot.scan(plan)

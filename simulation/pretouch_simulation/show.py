@@ -17,18 +17,18 @@ from rich.live import Live
 from pretouch.channel import open_sync_channel
 from pretouch.client import GrpcClient, RestClient, SyncClient
 from pretouch.session import Budget, GatewaySpan, ScanPlan, Submission
-from pretouch.tof import RangeSamples
+from pretouch.tof import RangeSamples, Sensor
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch.wire.common import samples_from_proto
 from pretouch_simulation.demo import Execute, Recording, record, request_for
 from pretouch_simulation.demo_table import live_table
-from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.finger import FingerModel, realise
 from pretouch_simulation.finger_link import FingerProcess
 from pretouch_simulation.frame_demo import engine_variable
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.picture import save_picture
-from pretouch_simulation.protocol import Case, make_case
+from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.report import save_report
 from pretouch_simulation.robot import GatewayRobot
 from pretouch_simulation.services import Services
@@ -54,11 +54,15 @@ ACTS = (Act("drill", "REST"), Act("mug", "gRPC"))
 def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: Console) -> None:
     """Runs the demo and writes its picture and report into `results`."""
     started = time.monotonic()
+    sensor = realise(model, generator("finger-model", seed)).sensor
     cases = {act.object_name: make_case(act.object_name, MAKERS[act.object_name](), 0, seed) for act in ACTS}
     recordings: list[Recording] = []
     with ExitStack() as stack:
         with console.status("Starting the fingers and the four services ..."):
-            fingers = {name: stack.enter_context(_finger(case, model, seed)) for name, case in cases.items()}
+            fingers = {
+                name: stack.enter_context(_finger(case, model, seed, PACE * sensor.rate))
+                for name, case in cases.items()
+            }
             devices = [f"{name}={finger.port}" for name, finger in fingers.items()]
             services = stack.enter_context(Services(devices, engine_variable(engine)))
         _say(
@@ -70,7 +74,7 @@ def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: 
         with Live(live_table(recordings), console=console, auto_refresh=False) as live:
             for act in ACTS:
                 recordings.append(Recording(f"{act.object_name}, {act.api}", cases[act.object_name]))
-                for _ in _play(act, recordings[-1], services, fingers[act.object_name], model):
+                for _ in _play(act, recordings[-1], services, fingers[act.object_name], sensor):
                     live.update(live_table(recordings), refresh=True)
     _say(console, *(f"{recording.title}: {recording.end()}" for recording in recordings))
     _keep(recordings, results, f"engine {engine}, {model} finger, seed {seed}", console)
@@ -78,11 +82,11 @@ def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: 
 
 
 def _play(
-    act: Act, recording: Recording, services: Services, finger: FingerProcess, model: FingerModel
+    act: Act, recording: Recording, services: Services, finger: FingerProcess, sensor: Sensor
 ) -> Iterator[Recording]:
     with GatewayRobot(finger, services.gateway, act.object_name, PACE) as robot, _client(act, services) as client:
         execute = _sending_samples(robot) if act.api == "REST" else _naming_spans(robot, services.gateway)
-        yield from record(client, recording, request_for(recording.case, model, _BUDGET), mask=False, execute=execute)
+        yield from record(client, recording, request_for(recording.case, sensor, _BUDGET), mask=False, execute=execute)
 
 
 def _client(act: Act, services: Services) -> SyncClient[Any, Any]:
@@ -117,11 +121,11 @@ def _kept_samples(gateway: str, span: GatewaySpan) -> RangeSamples:
 
 
 @contextmanager
-def _finger(case: Case, model: FingerModel, seed: int) -> Iterator[FingerProcess]:
+def _finger(case: Case, model: FingerModel, seed: int, rate: float) -> Iterator[FingerProcess]:
     with tempfile.TemporaryDirectory(prefix="pretouch-") as folder:
         world = Path(folder) / "world.npz"
         case.world.save(world)
-        with FingerProcess.in_world(world, model.value, seed, PACE * sensor_of(model).rate) as finger:
+        with FingerProcess.in_world(world, model.value, seed, rate) as finger:
             yield finger
 
 

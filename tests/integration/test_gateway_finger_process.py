@@ -79,7 +79,7 @@ def test_an_announcement_that_cannot_be_read_is_said_and_survived() -> None:
         assert process.poll() is None
 
 
-@pytest.mark.parametrize("sensor", ["ideal", "vl6180x"])
+@pytest.mark.parametrize("sensor", ["ideal", "vl6180x", "cone", "random"])
 async def test_it_measures_a_world_and_keeps_up_with_200_hz(sensor: str, tmp_path: Path) -> None:
     World([], Plane(np.array([0.0, 0.0, 1.0]), 0.0)).save(tmp_path / "world.npz")
     down = Pose.from_rotation_vector([math.pi, 0, 0], [0, 0, 0.05]).matrix

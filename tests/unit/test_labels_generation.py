@@ -11,6 +11,7 @@ from made_frame import write_mesh
 from PIL import Image
 from pretouch_detector.training.dataset import Dataset, Example, read, write
 from pretouch_registrar.engines import Engine
+from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe, label, labelled
 from pretouch_simulation.labels.pictures import save_contact_sheet, save_statistics
 from pretouch_simulation.labels.procedural import procedural
@@ -73,6 +74,16 @@ def test_a_scanned_view_keeps_what_was_foretold_and_what_came_of_it(tmp_path: Pa
     np.testing.assert_array_equal(again.scores, view.scores)
     other = made(Task(0, 1, 0), replace(recipe, seed=1), tmp_path / "other")
     assert not np.array_equal(other.rectangles, view.rectangles)
+
+
+def test_a_view_is_scanned_by_a_finger_of_its_own(tmp_path: Path) -> None:
+    recipe = Recipe(Kind.SCANS, Engine.POSTERIOR, rectangles=3, scanned=1, trials=1, finger=FingerModel.RANDOM)
+    view = made(Task(0, 1, 0), recipe, tmp_path)
+    again = made(Task(0, 1, 0), recipe, tmp_path / "again")
+    ideal = made(Task(0, 1, 0), replace(recipe, finger=FingerModel.IDEAL), tmp_path / "ideal")
+    assert np.isfinite(view.scores).sum() == 1
+    np.testing.assert_array_equal(again.scores, view.scores)
+    assert (view.foreseen != ideal.foreseen).any()
 
 
 def test_a_mesh_in_millimetres_is_named_and_said_how_to_mend(tmp_path: Path) -> None:

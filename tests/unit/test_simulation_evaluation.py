@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol
+from pretouch_simulation.evaluation import Protocol, finger_of, request_of
 from pretouch_simulation.evaluation_pool import PartialResults, keys, run_all
 from pretouch_simulation.evaluation_rows import Detail, Row, Run, write_details
 from pretouch_simulation.evaluation_summary import errors_after, summaries
 from pretouch_simulation.evaluation_table import by_engine, by_object, by_scan
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.mesh_folder import meshes_in
+from pretouch_simulation.objects import box
+from pretouch_simulation.protocol import make_case
 from rich.console import Console
 from rich.table import Table
 
@@ -49,6 +51,15 @@ def run_of(mesh: str, view: int, *errors: float, initial: float = 0.02, engine: 
         for k, error in enumerate(errors)
     ]
     return Run(mesh, view, engine, "ideal", initial, tuple(rows), tuple(detail_of(4.0) for _ in rows))
+
+
+def test_a_run_has_one_finger_and_states_its_sensor() -> None:
+    cases = [make_case("box", box(), view) for view in range(2)]
+    protocol = replace(PROTOCOL, sensor=FingerModel.RANDOM)
+    stated = [request_of(case, protocol).sensor.range_std for case in cases]
+    assert stated == [finger_of(case, protocol).sensor.range_std for case in cases]
+    assert stated[0] != stated[1]
+    assert request_of(cases[0], replace(protocol, seed=1)).sensor.range_std != stated[0]
 
 
 RUNS = [run_of("mug", 0, 0.012, 0.004, 0.002), run_of("mug", 1, 0.006), run_of("box", 0)]

@@ -17,7 +17,7 @@ from pretouch_registrar.engines.batch import Matching
 from pretouch.errors import InvalidInput, PretouchError
 from pretouch.geometry import Array
 from pretouch_simulation.depth_cameras import CameraModel
-from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.finger import FingerModel, realise
 from pretouch_simulation.labels import scans
 from pretouch_simulation.labels.task import ViewTask
 from pretouch_simulation.labels.view import LabelView
@@ -43,7 +43,7 @@ class Recipe:
         scanned: rectangles of a view whose trials are made, of `SCANS`: half of them those that the registrar foretells
             to be best, the others drawn from the rest.
         best_only: only the winner's trials are all made, of `TRIALS`.
-        finger: of `SCANS`.
+        finger: of `SCANS`; another fingertip of the model for each view.
         camera: of views of meshes; frames have their own.
     """
 
@@ -132,7 +132,8 @@ def describe(recipe: Recipe, command: str) -> dict[str, Any]:
 
 def _scanned(view: LabelView, recipe: Recipe, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
     rectangles = candidates(view.scene, recipe.rectangles, rng)
-    scoring = scans.Scoring(recipe.trials, recipe.engine, recipe.finger, recipe.seed)
+    finger = realise(recipe.finger, generator("finger-model", recipe.seed, view.case.name, view.case.view))
+    scoring = scans.Scoring(recipe.trials, recipe.engine, finger, recipe.seed)
     paths = scans.paths_of(view, rectangles, scoring)
     if not any(paths):
         raise InvalidInput("No rectangle of the view can be scanned.", "Leave the object out.")

@@ -7,7 +7,7 @@ errors as there. Each trial of each rectangle has a calibration error and a nois
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from pretouch_orchestrator.path import plan_paths
@@ -20,7 +20,8 @@ from pretouch.geometry import Array, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import ScanSettings
 from pretouch.trajectory import Trajectory
-from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.finger import Finger
+from pretouch_simulation.fingers.thin_beam import ThinBeam
 from pretouch_simulation.labels.view import LabelView
 from pretouch_simulation.protocol import generator, offset_about
 
@@ -36,12 +37,12 @@ class Scoring:
 
     trials: int = 1
     engine: Engine = Engine.POSTERIOR
-    finger: FingerModel = FingerModel.IDEAL
+    finger: Finger = field(default_factory=ThinBeam)
     seed: int = 0
 
     @property
     def settings(self) -> Settings:
-        return Settings(self.engine, sensor=sensor_of(self.finger))
+        return Settings(self.engine, sensor=self.finger.sensor)
 
 
 def paths_of(view: LabelView, rectangles: Sequence[RotatedRectangle], scoring: Scoring) -> list[Trajectory | None]:

@@ -14,7 +14,7 @@ from pretouch.scene import Scene
 from pretouch.session import Planner, SessionRequest
 from pretouch.tof import Scan
 from pretouch.trajectory import Trajectory
-from pretouch_simulation.finger import FingerModel, sensor_of
+from pretouch_simulation.finger import Finger
 from pretouch_simulation.protocol import Case
 from pretouch_simulation.scanning import scan_along
 
@@ -33,17 +33,16 @@ class LabelView:
     scene: Scene
     origin: tuple[int, int]
 
-    def scanned(self, truth: Pose, path: Trajectory, finger: FingerModel, rng: np.random.Generator) -> Scan:
+    def scanned(self, truth: Pose, path: Trajectory, finger: Finger, rng: np.random.Generator) -> Scan:
         """What the finger meets along `path` where `truth` is the right correction, instead of the case's own.
 
         Only the object's place relative to the camera's belief matters. So the world is moved rather than the camera's
         extrinsics: what was computed of the depth image stays good.
         """
         world_T_base = self.case.truth @ truth.inverse()
-        sensor = sensor_of(finger)
         moved = Trajectory(path.t, world_T_base.matrix @ path.base_T_tip)
-        samples = scan_along(self.case.world, moved, sensor, finger, rng)
-        return replace(samples, base_T_tip=world_T_base.inverse().matrix @ samples.base_T_tip).beams(sensor)
+        samples = scan_along(self.case.world, moved, finger.sensor, finger, rng)
+        return replace(samples, base_T_tip=world_T_base.inverse().matrix @ samples.base_T_tip).beams(finger.sensor)
 
 
 def view_of(case: Case) -> LabelView:

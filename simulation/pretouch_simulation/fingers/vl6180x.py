@@ -18,13 +18,14 @@ Sources. Where nothing better is known, a number is an assumption, and says so.
 
 from __future__ import annotations
 
-from enum import IntEnum
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
 from pretouch.tof import Sensor
+from pretouch_simulation.fingers.status import Status
 from pretouch_simulation.world import World
 
 HALF_ANGLE = float(np.radians(12.5))
@@ -41,16 +42,6 @@ _RINGS = 4
 
 SENSOR = Sensor(range_std=NOISE_AT_MAX, beam_half_angle=HALF_ANGLE)
 """How a client describes the module; its noise is the worst of the model's."""
-
-
-class Status(IntEnum):
-    """The module's range error codes that the model uses (datasheet)."""
-
-    OK = 0
-    EARLY_CONVERGENCE = 6
-    NO_TARGET = 7
-    SNR = 11
-    RANGE_UNDERFLOW = 14
 
 
 def _bundle() -> tuple[Array, Array]:
@@ -91,27 +82,35 @@ def mean_range(world: World, poses: Array) -> tuple[Array, Array]:
     return ranges, total / _WALL_SIGNAL
 
 
-def measure(world: World, poses: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-    """Ranges (n,), m, NaN = none, and status codes (n,) from module poses (n, 4, 4) in base."""
-    n = len(poses)
-    normal, chance, wander = rng.standard_normal(n), rng.uniform(size=n), rng.uniform(size=n)
-    true, signal = mean_range(world, poses)
-    share = np.minimum(true, SENSOR.range_max) / SENSOR.range_max
-    noise = (NOISE_AT_CONTACT + (NOISE_AT_MAX - NOISE_AT_CONTACT) * share) * normal
-    ranges = true + BIAS_AT_MAX * share**2 + noise
+@dataclass(frozen=True)
+class VL6180X:
+    """A `Finger` with the real module."""
 
-    near = true < SENSOR.range_min
-    ranges[near] = np.where(chance < 0.5, 0.0, SENSOR.range_min + wander * (WANDER - SENSOR.range_min))[near]
-    status = np.zeros(n, dtype=np.int64)
-    usable = ~near
-    status[usable & (chance < SNR_MISSES + EARLY_MISSES)] = Status.EARLY_CONVERGENCE
-    status[usable & (chance < SNR_MISSES)] = Status.SNR
-    ranges = np.where(np.isfinite(ranges), np.round(ranges / STEP) / round(1 / STEP), np.inf)
-    status[ranges < SENSOR.range_min] = Status.RANGE_UNDERFLOW
-    dark = signal < LEAST_SIGNAL / SENSOR.range_max**2
-    status[(ranges > SENSOR.range_max) | dark] = Status.NO_TARGET
-    outlier = usable & (chance > 1 - OUTLIERS)
-    spurious = SENSOR.range_min + wander * (SENSOR.range_max - SENSOR.range_min)
-    ranges[outlier] = np.round(spurious[outlier] / STEP) / round(1 / STEP)
-    status[outlier] = Status.OK
-    return np.where(status == Status.OK, ranges, np.nan), status
+    sensor: Sensor = SENSOR
+
+    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
+        """See `Finger.measure`."""
+        n = len(base_T_module)
+        normal, chance, wander = rng.standard_normal(n), rng.uniform(size=n), rng.uniform(size=n)
+        true, signal = mean_range(world, base_T_module)
+        share = np.minimum(true, self.sensor.range_max) / self.sensor.range_max
+        noise = (NOISE_AT_CONTACT + (NOISE_AT_MAX - NOISE_AT_CONTACT) * share) * normal
+        ranges = true + BIAS_AT_MAX * share**2 + noise
+
+        near = true < self.sensor.range_min
+        ranges[near] = np.where(chance < 0.5, 0.0, self.sensor.range_min + wander * (WANDER - self.sensor.range_min))[
+            near
+        ]
+        status = np.zeros(n, dtype=np.int64)
+        usable = ~near
+        status[usable & (chance < SNR_MISSES + EARLY_MISSES)] = Status.EARLY_CONVERGENCE
+        status[usable & (chance < SNR_MISSES)] = Status.SNR
+        ranges = np.where(np.isfinite(ranges), np.round(ranges / STEP) / round(1 / STEP), np.inf)
+        status[ranges < self.sensor.range_min] = Status.RANGE_UNDERFLOW
+        dark = signal < LEAST_SIGNAL / self.sensor.range_max**2
+        status[(ranges > self.sensor.range_max) | dark] = Status.NO_TARGET
+        outlier = usable & (chance > 1 - OUTLIERS)
+        spurious = self.sensor.range_min + wander * (self.sensor.range_max - self.sensor.range_min)
+        ranges[outlier] = np.round(spurious[outlier] / STEP) / round(1 / STEP)
+        status[outlier] = Status.OK
+        return np.where(status == Status.OK, ranges, np.nan), status

@@ -1,0 +1,1 @@
+"""Simulated fingertips: what a time-of-flight module reports in a world, from the ideal beam to an unknown cone."""

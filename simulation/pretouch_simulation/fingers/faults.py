@@ -1,0 +1,63 @@
+"""Broken fingertips: each states the sensor that it should be, and reports something else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.geometry import Array
+from pretouch.tof import STATUS_OK, Sensor
+from pretouch_simulation.finger import Finger
+from pretouch_simulation.fingers.several import Several, abreast
+from pretouch_simulation.fingers.status import Status
+from pretouch_simulation.world import World
+
+Break = Callable[[Array, np.random.Generator], Array]
+"""The ranges (n,), m, NaN = none, that a sound finger measured, to those that the broken one reports."""
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A `Finger` that reports what `fault` makes of what `finger` measured, whatever its status then."""
+
+    finger: Finger
+    fault: Break
+
+    @property
+    def sensor(self) -> Sensor:
+        return self.finger.sensor
+
+    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
+        """See `Finger.measure`; an absent range comes with status 7."""
+        measured, _ = self.finger.measure(world, base_T_module, rng)
+        ranges = self.fault(measured, rng)
+        return ranges, np.where(np.isnan(ranges), Status.NO_TARGET, STATUS_OK).astype(np.int64)
+
+
+def stuck(finger: Finger, at: float = 0.03) -> Finger:
+    """Always reports `at`, m."""
+    return Broken(finger, lambda ranges, _: np.full(len(ranges), at))
+
+
+def dead(finger: Finger) -> Finger:
+    """Never reports a range."""
+    return Broken(finger, lambda ranges, _: np.full(len(ranges), np.nan))
+
+
+def noise(finger: Finger) -> Finger:
+    """Reports ranges that are uniform over the sensor's range, whatever is there."""
+    low, high = finger.sensor.range_min, finger.sensor.range_max
+    return Broken(finger, lambda ranges, rng: rng.uniform(low, high, len(ranges)))
+
+
+def in_millimetres(finger: Finger) -> Finger:
+    """Reports millimetres where metres are due."""
+    return Broken(finger, lambda ranges, _: 1000 * ranges)
+
+
+def one_stuck(finger: Finger, at: float = 0.03, modules: int = 6, spacing: float = 0.008) -> Several:
+    """A row of modules `spacing` m apart, all as `finger` but for the last, which always reports `at`, m."""
+    return abreast([*[finger] * (modules - 1), stuck(finger, at)], spacing)

@@ -1,0 +1,43 @@
+"""A fingertip of several modules, each of them a fingertip's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pretouch.geometry import Array, Pose
+from pretouch.tof import STATUS_OK, Sensor
+from pretouch_simulation.finger import Finger
+from pretouch_simulation.world import World
+
+
+@dataclass(frozen=True)
+class Several:
+    """A `Finger` whose module k measures as `fingers[k]`, in turn; what a scan's ranges share is each module's own.
+
+    Attributes:
+        sensor: what is stated, with the modules' places.
+        fingers: one for each module.
+    """
+
+    sensor: Sensor
+    fingers: tuple[Finger, ...]
+
+    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
+        """See `Finger.measure`."""
+        m = len(self.fingers)
+        ranges = np.full(len(base_T_module), np.nan)
+        status = np.full(len(base_T_module), STATUS_OK, dtype=np.int64)
+        for k, finger in enumerate(self.fingers):
+            ranges[k::m], status[k::m] = finger.measure(world, base_T_module[k::m], rng)
+        return ranges, status
+
+
+def abreast(fingers: Sequence[Finger], spacing: float) -> Several:
+    """Modules in a row along the tip's x, `spacing` m apart, beams parallel, all stated as the first one."""
+    m = len(fingers)
+    places = [Pose.of(np.eye(3), [spacing * (k - (m - 1) / 2), 0.0, 0.0]) for k in range(m)]
+    return Several(replace(fingers[0].sensor, tip_T_module=tuple(places)), tuple(fingers))
