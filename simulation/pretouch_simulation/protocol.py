@@ -13,6 +13,7 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Plane, Pose, rotation_from_vector, vector_from_rotation
+from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.kinect import render
 from pretouch_simulation.mesh import Mesh
 from pretouch_simulation.stable_pose import standing
@@ -103,7 +104,7 @@ def _drawn(rng: np.random.Generator) -> tuple[Array, Array]:
     return turn, shift
 
 
-def make_case(name: str, mesh: Mesh, view: int, seed: int = 0) -> Case:
+def make_case(name: str, mesh: Mesh, view: int, seed: int = 0, camera: CameraModel = CameraModel.KINECT) -> Case:
     """View number `view` of `mesh` as it stands by itself; everything random is fixed by `seed`, `name` and `view`.
 
     Raises:

@@ -17,6 +17,7 @@ from pretouch.session import Points, Region, ScanPlan, SessionRequest, Skipped, 
 from pretouch.tof import RangeSamples
 from pretouch.trajectory import Trajectory
 from pretouch_orchestrator.clusters import specks
+from pretouch_orchestrator.envelope import SAFE, Margins
 from pretouch_orchestrator.path import plan_paths
 from pretouch_orchestrator.ports import Detector, Registrar
 from pretouch_orchestrator.record import Record
@@ -39,11 +40,16 @@ _MAX_REGIONS = 20
 
 
 class Loop:
-    """Drives sessions; holds none. Records are never changed: each step answers a new one."""
+    """Drives sessions; holds none. Records are never changed: each step answers a new one.
 
-    def __init__(self, detector: Detector, registrar: Registrar) -> None:
+    Args:
+        margins: how far planned paths keep from what the estimate leaves uncertain.
+    """
+
+    def __init__(self, detector: Detector, registrar: Registrar, margins: Margins = SAFE) -> None:
         self._detector = detector
         self._registrar = registrar
+        self._margins = margins
 
     async def open(
         self, id: str, created: float, request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
@@ -109,7 +115,7 @@ class Loop:
         """Ends the session or plans its next scan."""
         if has_converged(record):
             return ended(record, State.CONVERGED)
-        candidates = await asyncio.to_thread(_candidates, record)
+        candidates = await asyncio.to_thread(_candidates, record, self._margins)
         if not candidates:
             return ended(record, State.EXHAUSTED)
         request = record.request
@@ -131,12 +137,13 @@ def viewed(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] |
     return replace(scene, depth=DepthImage(believed)), origin
 
 
-def _candidates(record: Record) -> list[tuple[str, Trajectory, float]]:
+def _candidates(record: Record, margins: Margins) -> list[tuple[str, Trajectory, float]]:
     """The open regions whose perimeter comes over the object: id, affordable path and its share of the budget."""
     regions = open_regions(record)
     u0, v0 = record.origin
     rectangles = [region.rectangle.shifted(-u0, -v0) for region in regions]
-    paths = plan_paths(record.scene, rectangles, record.estimate, record.request.scan) if regions else []
+    settings = record.request.scan
+    paths = plan_paths(record.scene, rectangles, record.estimate, settings, margins) if regions else []
     return affordable(
         record, {region.id: path for region, path in zip(regions, paths, strict=True) if path is not None}
     )
