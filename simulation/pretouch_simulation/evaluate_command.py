@@ -22,7 +22,8 @@ from pretouch_simulation.evaluation import NEVER_CONVERGED, Protocol, of_frames
 from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
 from pretouch_simulation.evaluation_rows import Run, write_details
-from pretouch_simulation.evaluation_table import by_engine, by_object, by_scan
+from pretouch_simulation.evaluation_summary import by_setup
+from pretouch_simulation.evaluation_table import by_object, by_scan, convergence_table, honesty_table
 from pretouch_simulation.evaluation_tasks import MIN_PIXELS, MeshTask, Task, frame_tasks
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.frame_folder import frames_in
@@ -31,7 +32,7 @@ from pretouch_simulation.split import Split
 from pretouch_simulation.tip_height import TipHeight
 
 _INTERRUPTED = 130
-_FILE_WIDTH = 140
+_FILE_WIDTH = 160
 _VIEWS, _SCANS, _SEEDS = 3, 5, 3
 _ENGINE = "How scans are matched; repeatable, the rows of all go into one file."
 _FRAMES = f"Folder of real frames: sessions on every object with over {MIN_PIXELS} pixels. Instead of --meshes."
@@ -142,7 +143,7 @@ def evaluate(
     if details is not None:
         write_details(details, runs)
     kept.remove()
-    _report(runs, first.scans, out)
+    _report(runs, first, out)
     if any(run.problem for run in runs):
         raise typer.Exit(1)
 
@@ -165,11 +166,18 @@ def _write(out: Path, command: str, seed: int, runs: Sequence[Run]) -> None:
     draft.replace(out)
 
 
-def _report(runs: Sequence[Run], scans: int, out: Path) -> None:
+def _report(runs: Sequence[Run], protocol: Protocol, out: Path) -> None:
     console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
-    single = len({(run.engine, run.sensor) for run in runs}) == 1
-    for table in (by_object(runs, scans), by_scan(runs, scans)) if single else (by_engine(runs, scans),):
-        console.print(table)
+    setups = by_setup(runs)
+    single = len(setups) == 1
+    if setups:
+        scans = range(protocol.scans + 1)
+        tables = [by_object(runs, protocol.scans)] if single else []
+        tables += [by_scan(runs, scans), honesty_table(runs, scans)]
+        if protocol.tolerance != NEVER_CONVERGED:
+            tables.append(convergence_table(runs, protocol.tolerance))
+        for table in tables:
+            console.print(table.rich())
     for run in runs:
         name = f"{run.mesh}, view {run.view}" + (f", frame {run.frame}" if run.frame else "")
         name += "" if single else f", {run.engine}, {run.camera}, {run.sensor}"

@@ -68,7 +68,9 @@ def of_frames(protocol: Protocol, tolerance: float | None) -> Protocol:
     budget = Budget()
     return replace(
         protocol,
-        **{"scans": budget.scans, "seconds": budget.seconds, "fraction": budget.fraction},
+        scans=budget.scans,
+        seconds=budget.seconds,
+        fraction=budget.fraction,
         tolerance=tolerance or Tolerance().error,
         seed=0,
     )
