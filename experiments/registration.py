@@ -26,11 +26,14 @@ from collecting import SHARED
 from command_line import start
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.evaluation import Protocol, steps_of
-from pretouch_simulation.evaluation_markdown import compared, comparison_table, engine_table
-from pretouch_simulation.evaluation_pool import PartialResults, Task
+from pretouch_simulation.evaluation_comparison import compared, comparison_table
+from pretouch_simulation.evaluation_honesty import honesty
+from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_summary import by_setup, states_after, summaries
+from pretouch_simulation.evaluation_table import by_scan, honesty_table
+from pretouch_simulation.evaluation_tasks import MeshTask
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
@@ -58,7 +61,7 @@ class Part:
 
     name: str
     title: str
-    tasks: list[Task]
+    tasks: list[MeshTask]
 
 
 def main() -> None:
@@ -90,11 +93,15 @@ def run(arguments: argparse.Namespace) -> None:
     protocols = [replace(first, engine=engine, sensor=sensor) for sensor in sensors for engine in engines]
     chosen = meshes_in(arguments.meshes, limit=arguments.limit, split=arguments.split)
     parts = [
-        Part("validation", f"Training meshes, side {arguments.split}", [(p, v) for p in chosen for v in range(views)]),
+        Part(
+            "validation",
+            f"Training meshes, side {arguments.split}",
+            [MeshTask(p, v) for p in chosen for v in range(views)],
+        ),
         Part(
             "analogues",
             "Analogues of the paper's Table 1",
-            [(path, view) for path in meshes_in(arguments.analogues) for view in range(views)],
+            [MeshTask(path, view) for path in meshes_in(arguments.analogues) for view in range(views)],
         ),
     ]
     out: Path = arguments.out
@@ -137,9 +144,10 @@ def _results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> 
     """The part's section of the report, its pictures written, and its content for programs."""
     told = [scan for scan in SCANS_TOLD if scan <= protocol.scans]
     drawn = [scan for scan in SCANS_DRAWN if scan <= protocol.scans]
-    engines = list(dict.fromkeys(engine for engine, _ in by_setup(runs)))
+    engines = list(dict.fromkeys(setup.engine for setup in by_setup(runs)))
     meshes = len({run.mesh for run in runs})
-    lines = [f"## {part.title}\n", f"{meshes} objects, {len(part.tasks)} views.\n", engine_table(runs, told)]
+    lines = [f"## {part.title}\n", f"{meshes} objects, {len(part.tasks)} views.\n", by_scan(runs, told).markdown()]
+    lines.append(f"### Truth in the stated regions\n\n{honesty_table(runs, told).markdown()}")
     lines += [f"Failed: {run.mesh}, view {run.view}, {run.engine}: {run.problem}\n" for run in runs if run.problem]
     subject = engines[-1]
     objects: dict[str, Any] = {}
@@ -157,6 +165,7 @@ def _results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> 
     lines += _failures(part, [run for run in runs if run.engine == subject], protocol, out)
     content = {
         "summaries": [_finite(asdict(one)) for one in summaries(runs, told)],
+        "honesty": [asdict(one) for one in honesty(runs, told)],
         "reliability": _reliability(runs, drawn),
         "compared": {"engine": subject, "after": told[-1], "with": objects},
     }
@@ -165,12 +174,12 @@ def _results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> 
 
 def _reliability(runs: Sequence[Run], scans: Sequence[int]) -> list[dict[str, Any]]:
     found = []
-    for (engine, sensor), group in by_setup(runs).items():
+    for setup, group in by_setup(runs).items():
         for scan in scans:
             distances2 = [detail.distance2 for _, detail in states_after(group, scan)]
             if distances2:
                 shares = dict(zip(LEVELS.round(2).tolist(), observed_shares(distances2).round(4).tolist(), strict=True))
-                found.append({"engine": engine, "sensor": sensor, "scan": scan, "n": len(distances2), "shares": shares})
+                found.append({**asdict(setup), "scan": scan, "n": len(distances2), "shares": shares})
     return found
 
 
@@ -182,7 +191,7 @@ def _failures(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) ->
         for scan in (scan for scan in SCANS_FAILED if scan <= protocol.scans):
             failures = []
             for one in worst_runs([run for run in runs if run.sensor == sensor], scan, WORST):
-                case = make_case(one.mesh, load_mesh(paths[one.mesh]), one.view, protocol.seed)
+                case = make_case(one.mesh, load_mesh(paths[one.mesh]), one.view, protocol.seed, camera=protocol.camera)
                 engine = Engine(one.engine)
                 steps = steps_of(case, replace(protocol, engine=engine, sensor=FingerModel(sensor)), scan)
                 record = steps[-1].record

@@ -127,7 +127,7 @@ def _pictured(
     protocol = protocol_of(proposer, Planner.CONFIDENCE, arguments.scans, arguments.sensor, arguments.seed)
     sessions = []
     for path in track(paths[: arguments.pictures], "pictures", console=Console(stderr=True)):
-        case = make_case(path.stem, load_mesh(path), 0, arguments.seed)
+        case = make_case(path.stem, load_mesh(path), 0, arguments.seed, camera=protocol.camera)
         sessions.append((f"{path.stem}, view 0", case, steps_of(case, protocol, arguments.scans)))
     return sessions
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol, run_view
+from pretouch_simulation.evaluation import Protocol, run_task
+from pretouch_simulation.evaluation_tasks import MeshTask
 from pretouch_simulation.finger import FingerModel
 
 from pretouch.geometry import Array
@@ -55,7 +56,7 @@ def protocol_of(proposer: Proposer, planner: Planner, scans: int, sensor: Finger
 
 def run_session(path: Path, view: int, proposer: Proposer, planner: Planner, protocol: Protocol) -> Course:
     """Makes the session; an error of pretouch's own is part of the answer."""
-    run = run_view(path, view, [protocol])[0]
+    run = run_task(MeshTask(path, view), [protocol])[0]
     fractions, errors = (tuple(getattr(row, name) for row in run.rows) for name in ("fraction", "error"))
     return Course(path.stem, view, proposer.value, planner.value, run.initial_error, fractions, errors, run.problem)
 

@@ -1,4 +1,4 @@
-"""`pretouch evaluate`: the evaluation protocol on a folder of meshes."""
+"""`pretouch evaluate`: the evaluation protocol on a folder of meshes, or of real frames."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,45 +15,65 @@ import typer
 from pretouch_registrar.engines import Engine
 from rich.console import Console
 
+from pretouch.errors import InvalidInput
 from pretouch.session import Planner, Proposer
-from pretouch_simulation.evaluation import NEVER_CONVERGED, Protocol
+from pretouch_simulation.depth_cameras import CameraModel
+from pretouch_simulation.evaluation import NEVER_CONVERGED, Protocol, of_frames
 from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
 from pretouch_simulation.evaluation_rows import Run, write_details
-from pretouch_simulation.evaluation_table import by_engine, by_object, by_scan
+from pretouch_simulation.evaluation_summary import by_setup
+from pretouch_simulation.evaluation_table import by_object, by_scan, convergence_table, honesty_table
+from pretouch_simulation.evaluation_tasks import MIN_PIXELS, MeshTask, Task, frame_tasks
 from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.frame_folder import frames_in
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import Split
+from pretouch_simulation.tip_height import TipHeight
 
 _INTERRUPTED = 130
-_FILE_WIDTH = 140
+_FILE_WIDTH = 160
+_VIEWS, _SCANS, _SEEDS = 3, 5, 3
 _ENGINE = "How scans are matched; repeatable, the rows of all go into one file."
+_FRAMES = f"Folder of real frames: sessions on every object with over {MIN_PIXELS} pixels. Instead of --meshes."
+_TIP = "From what its height is planned; low is for comparison: from what is expected, as for a robot with a reflex."
 
 
 def evaluate(
-    meshes: Annotated[Path, typer.Option(help="Folder of PLY, OBJ or STL files, in metres.")],
     out: Annotated[Path, typer.Option("--json", help="Where the rows go; OUT.partial keeps those of a stopped run.")],
-    views: Annotated[int, typer.Option(min=1, help="Views of each mesh.")] = 3,
-    scans: Annotated[int, typer.Option(min=1, max=1000, help="Scans of each view.")] = 5,
+    meshes: Annotated[Path | None, typer.Option(help="Folder of PLY, OBJ or STL files, in metres.")] = None,
+    frames: Annotated[Path | None, typer.Option(help=_FRAMES)] = None,
+    views: Annotated[int | None, typer.Option(min=1, help=f"Views of each mesh. Left out: {_VIEWS}.")] = None,
+    seeds: Annotated[
+        int | None, typer.Option(min=1, help=f"Hidden errors of each object of a frame. Left out: {_SEEDS}.")
+    ] = None,
+    scans: Annotated[
+        int | None, typer.Option(min=1, max=1000, help=f"Scans of each view of a mesh. Left out: {_SCANS}.")
+    ] = None,
     proposer: Annotated[Proposer | None, typer.Option(help="Left out: the best one that is ready.")] = None,
     engine: Annotated[list[Engine] | None, typer.Option(help=f"{_ENGINE} Left out: posterior.")] = None,
     planner: Annotated[Planner, typer.Option(help="How the next region is chosen.")] = Planner.INFORMATION,
+    camera: Annotated[
+        list[CameraModel] | None, typer.Option(help="The simulated camera; repeatable. Left out: kinect.")
+    ] = None,
     sensor: Annotated[
         list[FingerModel] | None, typer.Option(help="The simulated fingertip; repeatable. Left out: ideal.")
     ] = None,
+    tip: Annotated[TipHeight, typer.Option(help=_TIP)] = TipHeight.SAFE,
     seed: Annotated[int, typer.Option(help="Another seed gives other views and offsets.")] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; left out: one for each core.")] = None,
     only: Annotated[
-        list[str] | None, typer.Option(help="Only this mesh (file name without suffix); repeatable.")
+        list[str] | None, typer.Option(help="Only this mesh or frame (file name without suffix); repeatable.")
     ] = None,
     split: Annotated[
-        Split | None, typer.Option(help="Only this side of the folder: choose on train, report on validation.")
+        Split | None, typer.Option(help="Only this side of the meshes: choose on train, report on validation.")
     ] = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Only the first so many meshes; with --split of mixed sources.")
     ] = None,
     tolerance: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop a session at this error, m; left out: make all scans.")
+        float | None,
+        typer.Option(min=0.0, help="Stop a session at this error, m; left out: on meshes never, on frames at 3 mm."),
     ] = None,
     paper_setting: Annotated[
         bool, typer.Option("--paper-setting", help="As the paper tested: scans cut from the camera's own cloud.")
@@ -65,15 +85,31 @@ def evaluate(
         Path | None, typer.Option(help="Where each row's pose error goes, as JSON lines; with the stated covariance.")
     ] = None,
 ) -> None:
-    """Score the whole loop on simulated views of a folder of meshes.
+    """Score the whole loop on simulated views of a folder of meshes, or on real frames with default budgets.
 
     Each engine drives its own sessions unless --shared-scans is given.
     """
     console = Console(stderr=True)
+    _refuse_mixture(
+        meshes is not None,
+        frames is not None,
+        for_meshes={
+            **{"--views": views, "--scans": scans, "--camera": camera, "--split": split, "--limit": limit},
+            "--paper-setting": paper_setting or None,
+        },
+        for_frames={"--seeds": seeds},
+    )
+    tasks: list[Task]
+    if frames is not None:
+        tasks = [*frame_tasks(frames_in(frames, only or ()), range(seed, seed + (seeds or _SEEDS)))]
+    else:
+        paths = meshes_in(meshes or Path(), only or (), limit, split)
+        tasks = [MeshTask(path, view) for path in paths for view in range(views or _VIEWS)]
     engines = [Engine.PAPER] if paper_setting else list(dict.fromkeys(engine or [Engine.POSTERIOR]))
     sensors = [FingerModel.IDEAL] if paper_setting else list(dict.fromkeys(sensor or [FingerModel.IDEAL]))
+    cameras = list(dict.fromkeys(camera or [CameraModel.KINECT]))
     first = Protocol(
-        scans=scans,
+        scans=scans or _SCANS,
         proposer=proposer,
         engine=engines[0],
         planner=Planner.CONFIDENCE if paper_setting else planner,
@@ -82,9 +118,17 @@ def evaluate(
         tolerance=tolerance or NEVER_CONVERGED,
         paper_setting=paper_setting,
         leader=engines[0] if shared_scans and len(engines) > 1 else None,
+        camera=cameras[0],
+        tip=tip,
     )
-    protocols = [replace(first, engine=one, sensor=finger) for finger in sensors for one in engines]
-    tasks = [(path, view) for path in meshes_in(meshes, only or (), limit, split) for view in range(views)]
+    if frames is not None:
+        first = of_frames(first, tolerance)
+    protocols = [
+        replace(first, engine=one, sensor=finger, camera=seen)
+        for seen in cameras
+        for finger in sensors
+        for one in engines
+    ]
     kept = PartialResults(out, first)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -99,25 +143,44 @@ def evaluate(
     if details is not None:
         write_details(details, runs)
     kept.remove()
-    _report(runs, scans, out)
+    _report(runs, first, out)
     if any(run.problem for run in runs):
         raise typer.Exit(1)
 
 
+def _refuse_mixture(meshes: bool, frames: bool, *, for_meshes: dict[str, Any], for_frames: dict[str, Any]) -> None:
+    """Raises InvalidInput unless one of the folders is given, and no option that goes with the other one."""
+    if meshes == frames:
+        said = "Both --meshes and --frames are given." if meshes else "Neither --meshes nor --frames is given."
+        raise InvalidInput(said, "Give one of them.")
+    wrong = [name for name, value in (for_frames if meshes else for_meshes).items() if value is not None]
+    if wrong:
+        here, there = ("--meshes", "--frames") if meshes else ("--frames", "--meshes")
+        raise InvalidInput(f"{', '.join(wrong)} cannot go with {here}.", f"Leave it out, or give {there} instead.")
+
+
 def _write(out: Path, command: str, seed: int, runs: Sequence[Run]) -> None:
-    rows: list[dict[str, Any]] = [asdict(row) for run in runs for row in run.rows]
+    rows: list[dict[str, Any]] = [row.as_dict() for run in runs for row in run.rows]
     draft = out.with_name(out.name + ".new")
     draft.write_text(json.dumps({"command": command, "seed": seed, "rows": rows}, indent=1) + "\n")
     draft.replace(out)
 
 
-def _report(runs: Sequence[Run], scans: int, out: Path) -> None:
+def _report(runs: Sequence[Run], protocol: Protocol, out: Path) -> None:
     console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
-    single = len({(run.engine, run.sensor) for run in runs}) == 1
-    for table in (by_object(runs, scans), by_scan(runs, scans)) if single else (by_engine(runs, scans),):
-        console.print(table)
+    setups = by_setup(runs)
+    single = len(setups) == 1
+    if setups:
+        scans = range(protocol.scans + 1)
+        tables = [by_object(runs, protocol.scans)] if single else []
+        tables += [by_scan(runs, scans), honesty_table(runs, scans)]
+        if protocol.tolerance != NEVER_CONVERGED:
+            tables.append(convergence_table(runs, protocol.tolerance))
+        for table in tables:
+            console.print(table.rich())
     for run in runs:
-        name = f"{run.mesh}, view {run.view}" + ("" if single else f", {run.engine}, {run.sensor}")
+        name = f"{run.mesh}, view {run.view}" + (f", frame {run.frame}" if run.frame else "")
+        name += "" if single else f", {run.engine}, {run.camera}, {run.sensor}"
         if run.problem:
             console.print(f"{name} failed: {run.problem}", style="red", markup=False, soft_wrap=True)
         elif not run.rows:

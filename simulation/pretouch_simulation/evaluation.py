@@ -1,13 +1,12 @@
-"""The runs of one view: sessions through the code of the services, judged after every scan."""
+"""The runs of one task: sessions through the code of the services, judged after every scan."""
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from pretouch_orchestrator.loop import Loop
 from pretouch_orchestrator.record import Record
@@ -17,13 +16,16 @@ from pretouch_registrar.registration import Settings, register
 from pretouch.errors import PretouchError
 from pretouch.geometry import Pose
 from pretouch.session import Budget, Planner, Proposer, SessionRequest, Tolerance
-from pretouch_simulation.evaluation_rows import Detail, Row, Run
+from pretouch_simulation.depth_cameras import CameraModel
+from pretouch_simulation.evaluation_rows import Detail, Outcome, Row, Run, RunKey
+from pretouch_simulation.evaluation_tasks import Task
 from pretouch_simulation.finger import Finger, FingerModel, realise
+from pretouch_simulation.fitted_truth import fitted_truth
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
-from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.objects import box
 from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.scanning import scan_along
+from pretouch_simulation.tip_height import TipHeight
 
 NEVER_CONVERGED = 1e-6
 """m: a tolerance that no estimate meets."""
@@ -34,12 +36,13 @@ class Protocol:
     """What is evaluated; two runs with equal ones give equal rows, but for `compute_ms`.
 
     Attributes:
-        scans: how many are made at most.
+        scans, seconds, fraction: the budget; left out, only the number of scans counts.
         proposer: None lets the detector choose.
         tolerance: m; a session that reaches it stops.
         paper_setting: the paper's own way of testing, see `paper_setting.py`.
         leader: the engine by whose estimates the scans are planned, so that all engines are given the same ones;
             None: the whole loop runs on `engine`.
+        camera: of views of meshes.
     """
 
     scans: int
@@ -51,6 +54,26 @@ class Protocol:
     tolerance: float = NEVER_CONVERGED
     paper_setting: bool = False
     leader: Engine | None = None
+    camera: CameraModel = CameraModel.KINECT
+    seconds: float = 1e6
+    fraction: float = 1.0
+    tip: TipHeight = TipHeight.SAFE
+
+
+def of_frames(protocol: Protocol, tolerance: float | None) -> Protocol:
+    """The same for real frames: a session's default budgets, and its default tolerance unless another one, m, is given.
+
+    What is random is fixed by the tasks, so that a row does not depend on which other seeds were asked for.
+    """
+    budget = Budget()
+    return replace(
+        protocol,
+        scans=budget.scans,
+        seconds=budget.seconds,
+        fraction=budget.fraction,
+        tolerance=tolerance or Tolerance().error,
+        seed=0,
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)  # asyncio.run spells out what it returns, arrays too: seconds a run
@@ -60,44 +83,82 @@ class Step:
     record: Record
     seconds: float
 
+    @property
+    def outcome(self) -> Outcome:
+        record = self.record
+        used = record.budget_used
+        return Outcome(
+            record.proposer, record.estimate, record.state, used.fraction, used.seconds, seconds=self.seconds
+        )
 
-def run_view(path: Path, view: int, protocols: Sequence[Protocol]) -> list[Run]:
-    """A run by each of the protocols, all on the same images; they may differ in engine and sensor.
 
-    The seeds are fixed by the file's stem, the view and the protocol's seed. An error of pretouch's own is part of the
-    result; any other is raised.
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A task as it is judged.
+
+    Attributes:
+        fitted: the case with the truth that `error_fitted` is measured from; None for a simulated view.
     """
-    name = path.stem
-    try:
-        case = make_case(name, load_mesh(path), view, protocols[0].seed)
-    except PretouchError as error:
-        return [_failed(name, view, protocol, None, error) for protocol in protocols]
-    return list(_runs(case, protocols))
+
+    task: Task
+    case: Case
+    fitted: Case | None
+
+    @staticmethod
+    def of(task: Task, seed: int, camera: CameraModel) -> Subject:
+        """Raises PretouchError where the task's files cannot be used."""
+        case = task.case(seed, camera)
+        return Subject(task, case, None if task.frame is None else replace(case, truth=fitted_truth(case)))
 
 
-def _runs(case: Case, protocols: Sequence[Protocol]) -> Iterator[Run]:
-    initial = case.error(Pose.identity())
-    led: dict[FingerModel, list[Step]] = {}
-    for protocol in protocols:
+def key_of(task: Task, protocol: Protocol) -> RunKey:
+    """Of the run that the protocol makes of the task."""
+    engine, sensor = protocol.engine.value, protocol.sensor.value
+    return RunKey(task.mesh, task.view, engine, sensor, task.camera(protocol.camera), task.frame)
+
+
+def run_task(task: Task, protocols: Sequence[Protocol]) -> list[Run]:
+    """A run by each of the protocols, those with one camera on the same images; they may differ in engine and sensor.
+
+    The seeds are fixed by the task and the protocol's seed. An error of pretouch's own is part of the result; any other
+    is raised.
+    """
+    runs: list[Run] = []
+    for camera in dict.fromkeys(protocol.camera for protocol in protocols):
+        chosen = [protocol for protocol in protocols if protocol.camera is camera]
         try:
-            if protocol.paper_setting:
-                from pretouch_simulation.paper_setting import run_case
-
-                rows, details = asyncio.run(run_case(case, protocol))
-            else:
-                steps = _steps(case, protocol, led)
-                rows = [_row(case, protocol, step, k, initial) for k, step in enumerate(steps, start=1)]
-                details = [Detail.of(case, step.record.estimate) for step in steps]
+            subject = Subject.of(task, chosen[0].seed, camera)
         except PretouchError as error:
-            yield _failed(case.name, case.view, protocol, initial, error)
+            runs += [_failed(task, protocol, None, error) for protocol in chosen]
         else:
-            engine, sensor = protocol.engine.value, protocol.sensor.value
-            yield Run(case.name, case.view, engine, sensor, initial, tuple(rows), tuple(details))
+            led: dict[FingerModel, list[Step]] = {}
+            runs += [_run(subject, protocol, led) for protocol in chosen]
+    return runs
 
 
-def _failed(name: str, view: int, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
+def _run(subject: Subject, protocol: Protocol, led: dict[FingerModel, list[Step]]) -> Run:
+    initial = subject.case.error(Pose.identity())
+    try:
+        outcomes = _outcomes(subject.case, protocol, led)
+    except PretouchError as error:
+        return _failed(subject.task, protocol, initial, error)
+    rows = tuple(_row(subject, protocol, outcome, k, initial) for k, outcome in enumerate(outcomes, start=1))
+    details = tuple(Detail.of(subject.case, outcome.estimate) for outcome in outcomes)
+    key = key_of(subject.task, protocol)
+    return Run(**key._asdict(), initial_error=initial, rows=rows, details=details)
+
+
+def _outcomes(case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]]) -> list[Outcome]:
+    if protocol.paper_setting:
+        from pretouch_simulation.paper_setting import run_case
+
+        return asyncio.run(run_case(case, protocol))
+    return [step.outcome for step in _steps(case, protocol, led)]
+
+
+def _failed(task: Task, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
     text = f"{error.detail} {error.remedy}".strip()
-    return Run(name, view, protocol.engine.value, protocol.sensor.value, initial, problem=text)
+    return Run(**key_of(task, protocol)._asdict(), initial_error=initial, problem=text)
 
 
 def warm_up(protocols: Sequence[Protocol]) -> None:
@@ -114,13 +175,13 @@ def finger_of(case: Case, protocol: Protocol) -> Finger:
 
 
 def request_of(case: Case, protocol: Protocol) -> SessionRequest:
-    """What a client asks for: budgets so wide that only the number of scans counts."""
+    """What a client asks for."""
     return SessionRequest(
         camera=case.camera,
         base_T_camera=case.base_T_camera,
         depth_scale=1.0,
         tolerance=Tolerance(error=protocol.tolerance),
-        budget=Budget(scans=protocol.scans, seconds=1e6, fraction=1.0),
+        budget=Budget(scans=protocol.scans, seconds=protocol.seconds, fraction=protocol.fraction),
         sensor=finger_of(case, protocol).sensor,
         proposer=protocol.proposer,
         planner=protocol.planner,
@@ -129,7 +190,7 @@ def request_of(case: Case, protocol: Protocol) -> SessionRequest:
 
 def loop_of(protocol: Protocol) -> Loop:
     """The orchestrator's own loop over the services' own code."""
-    return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine))
+    return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine), protocol.tip.margins)
 
 
 def steps_of(case: Case, protocol: Protocol, upto: int) -> list[Step]:
@@ -176,21 +237,26 @@ def _rematched(step: Step, protocol: Protocol) -> Step:
     return Step(replace(record, estimate=estimate), time.perf_counter() - started)
 
 
-def _row(case: Case, protocol: Protocol, step: Step, scan: int, initial: float) -> Row:
-    record = step.record
+def _row(subject: Subject, protocol: Protocol, outcome: Outcome, scan: int, initial: float) -> Row:
+    case, task, estimate = subject.case, subject.task, outcome.estimate
+    correction = estimate.base_T_correction
     return Row(
-        mesh=case.name,
-        view=case.view,
+        mesh=task.mesh,
+        view=task.view,
         scan=scan,
-        proposer=record.proposer.value,
+        proposer=outcome.proposer.value,
         engine=protocol.engine.value,
         planner=protocol.planner.value,
-        sensor=protocol.sensor.value,
+        sensor="paper" if protocol.paper_setting else protocol.sensor.value,
         initial_error=initial,
-        error=case.error(record.estimate.base_T_correction),
-        expected_error=record.estimate.expected_error,
-        covered=case.covered(record.estimate),
-        fraction=record.budget_used.fraction,
-        robot_seconds=record.budget_used.seconds,
-        compute_ms=1000.0 * step.seconds,
+        error=case.error(correction),
+        expected_error=estimate.expected_error,
+        covered=case.covered(estimate),
+        state=outcome.state.value,
+        fraction=outcome.fraction,
+        robot_seconds=outcome.robot_seconds,
+        compute_ms=1000.0 * outcome.seconds,
+        camera=task.camera(protocol.camera),
+        frame=task.frame,
+        error_fitted=None if subject.fitted is None else subject.fitted.error(correction),
     )

@@ -8,18 +8,19 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pretouch.errors import Conflict
-from pretouch_simulation.evaluation import Protocol, run_view, warm_up
-from pretouch_simulation.evaluation_rows import Run
+from pretouch_simulation.evaluation import Protocol, key_of, run_task, warm_up
+from pretouch_simulation.evaluation_rows import Run, RunKey
+from pretouch_simulation.evaluation_tasks import Task
 from pretouch_simulation.workers import in_workers
 
-Task = tuple[Path, int]
-"""A mesh file and a view. All protocols run on it in one process, so that its images are made only once."""
+_VARIED = ("engine", "sensor", "camera")
+"""Members in which the protocols of one evaluation may differ."""
 
 
 class PartialResults:
     """Runs that are done, one JSON line each, beside the file that the evaluation will write.
 
-    Runs of other engines and sensors may be added to those of an earlier evaluation.
+    Runs of other engines, sensors and cameras may be added to those of an earlier evaluation.
 
     Raises:
         Conflict: the file was left by an evaluation of something else.
@@ -27,9 +28,9 @@ class PartialResults:
 
     def __init__(self, out: Path, protocol: Protocol) -> None:
         self.path = out.with_name(out.name + ".partial")
-        settings = {name: value for name, value in asdict(protocol).items() if name not in ("engine", "sensor")}
+        settings = {name: value for name, value in asdict(protocol).items() if name not in _VARIED}
         self._header = json.dumps({"protocol": settings}, sort_keys=True)
-        self.runs: dict[tuple[str, int, str, str], Run] = {}
+        self.runs: dict[RunKey, Run] = {}
         if self.path.exists():
             self._read()
         else:
@@ -59,9 +60,9 @@ class PartialResults:
         self.path.unlink(missing_ok=True)
 
 
-def keys(tasks: Sequence[Task], protocols: Sequence[Protocol]) -> list[tuple[str, int, str, str]]:
-    """`Run.key` of every run, in order: by engine and sensor, then as the tasks are."""
-    return [(path.stem, view, p.engine.value, p.sensor.value) for p in protocols for path, view in tasks]
+def keys(tasks: Sequence[Task], protocols: Sequence[Protocol]) -> list[RunKey]:
+    """`Run.key` of every run, in order: as the protocols are, then as the tasks are."""
+    return [key_of(task, protocol) for protocol in protocols for task in tasks]
 
 
 def run_all(
@@ -74,7 +75,7 @@ def run_all(
     """Runs every task by every protocol that is not in `kept` yet, calling `done` after each; in the order of `keys`.
 
     Args:
-        protocols: they differ in engine and sensor only.
+        protocols: they differ in engine, sensor and camera only.
 
     Raises:
         KeyboardInterrupt: what was done by then is in `kept`.
@@ -86,12 +87,12 @@ def run_all(
 
 
 def _results(
-    tasks: Sequence[Task], protocols: Sequence[Protocol], workers: int, known: Container[tuple[str, int, str, str]]
+    tasks: Sequence[Task], protocols: Sequence[Protocol], workers: int, known: Container[RunKey]
 ) -> Iterator[Run]:
     missing = [
         (task, [p for p, key in zip(protocols, keys([task], protocols), strict=True) if key not in known])
         for task in tasks
     ]
-    calls = [(*task, wanted) for task, wanted in missing if wanted]
-    for runs in in_workers(run_view, calls, workers, warm_up, (protocols,)):
+    calls = [(task, wanted) for task, wanted in missing if wanted]
+    for runs in in_workers(run_task, calls, workers, warm_up, (protocols,)):
         yield from runs

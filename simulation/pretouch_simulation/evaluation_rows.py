@@ -6,11 +6,12 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pretouch.estimate import Estimate
+from pretouch.session import Proposer, State
 from pretouch_simulation.protocol import Case
 
 
@@ -23,9 +24,13 @@ class Row:
         initial_error, error: mean distance of the object's points from their true place, before and now.
         expected_error: what the estimate itself expects of `error`.
         covered: the truth lies in the stated 95 % region.
+        state: of the session.
         fraction: share of the object's visible cloud scanned so far.
         robot_seconds: spent by all scans so far.
         compute_ms: from this scan's samples to the next plan; for the first scan, opening the session is added.
+        camera: the simulated one, or `real`.
+        frame: the real frame; None for a view of a mesh.
+        error_fitted: of a real frame: as `error`, from `fitted_truth`.
     """
 
     mesh: str
@@ -39,9 +44,17 @@ class Row:
     error: float
     expected_error: float
     covered: bool
+    state: str
     fraction: float
     robot_seconds: float
     compute_ms: float
+    camera: str
+    frame: str | None = None
+    error_fitted: float | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For programs; what only real frames have is left out elsewhere."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -81,9 +94,36 @@ class Detail:
         )
 
 
+@dataclass(frozen=True, eq=False, repr=False)  # asyncio.run spells out what it returns, arrays too: seconds a run
+class Outcome:
+    """Where a run stands after one of its scans; see `Row` for its members.
+
+    Attributes:
+        seconds: of computing, from the scan's samples on.
+    """
+
+    proposer: Proposer
+    estimate: Estimate
+    state: State
+    fraction: float
+    robot_seconds: float
+    seconds: float
+
+
+class RunKey(NamedTuple):
+    """What tells a run from the others of its evaluation."""
+
+    mesh: str
+    view: int
+    engine: str
+    sensor: str
+    camera: str
+    frame: str | None = None
+
+
 @dataclass(frozen=True)
 class Run:
-    """All that came of one view of one mesh by one engine and one sensor.
+    """All that came of one view of one mesh by one engine and one sensor; `camera` and `frame` as in `Row`.
 
     Attributes:
         initial_error: m; None if the run failed before there was one.
@@ -95,15 +135,16 @@ class Run:
     view: int
     engine: str
     sensor: str
+    camera: str
     initial_error: float | None
     rows: tuple[Row, ...] = ()
     details: tuple[Detail, ...] = ()
     problem: str = ""
+    frame: str | None = None
 
     @property
-    def key(self) -> tuple[str, int, str, str]:
-        """What tells this run from the others of its evaluation."""
-        return self.mesh, self.view, self.engine, self.sensor
+    def key(self) -> RunKey:
+        return RunKey(self.mesh, self.view, self.engine, self.sensor, self.camera, self.frame)
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -123,5 +164,5 @@ def write_details(path: Path, runs: Sequence[Run]) -> None:
     with path.open("w") as file:
         for run in runs:
             for row, detail in zip(run.rows, run.details, strict=True):
-                key = {"mesh": run.mesh, "view": run.view, "scan": row.scan, "engine": run.engine, "sensor": row.sensor}
-                file.write(json.dumps({**key, **asdict(detail)}) + "\n")
+                key = {name: value for name, value in run.key._asdict().items() if value is not None}
+                file.write(json.dumps({**key, "scan": row.scan, "sensor": row.sensor, **asdict(detail)}) + "\n")

@@ -1,4 +1,4 @@
-"""What the runs of one engine and one sensor came to after so many scans, in numbers."""
+"""What the runs of one engine, sensor and camera came to after so many scans, in numbers."""
 
 from __future__ import annotations
 
@@ -15,29 +15,46 @@ LARGE = 0.01
 
 
 @dataclass(frozen=True)
+class Setup:
+    """What runs that are summed up together have in common."""
+
+    engine: str
+    sensor: str
+    camera: str
+
+    @property
+    def world(self) -> tuple[str, str]:
+        """What the engine had to do with: camera and sensor."""
+        return self.camera, self.sensor
+
+
+@dataclass(frozen=True)
 class Summary:
-    """All runs of one engine and one sensor after `scan` scans; 0 is before the first.
+    """All runs of one setup after `scan` scans; 0 is before the first.
 
     A run that stopped counts with its last state, one that never scanned with its first error. Metres and seconds.
 
     Attributes:
         n: how many runs there are; those that failed before they had an error are left out.
+        made: how many of them made this scan.
         sd: standard deviation of the errors.
         large: share of the errors above 1 cm.
+        error_fitted: mean, over the runs that scanned; NaN but on real frames.
         covered: share of the runs whose truth lies in the stated 95 % region; this and what follows is NaN before the
             first scan.
         compute_p50, compute_p95: ms, over the runs that made this scan.
     """
 
-    engine: str
-    sensor: str
+    setup: Setup
     scan: int
     n: int
+    made: int
     mean: float
     sd: float
     median: float
     p95: float
     large: float
+    error_fitted: float
     covered: float
     expected_error: float
     fraction: float
@@ -47,16 +64,16 @@ class Summary:
 
 
 def summaries(runs: Sequence[Run], scans: Sequence[int]) -> list[Summary]:
-    """One for each engine and sensor, in the order of the runs, and each of `scans`."""
-    return [_summary(group, scan) for group in by_setup(runs).values() for scan in scans]
+    """One for each setup, in the order of the runs, and each of `scans`."""
+    return [summary_of(group, scan) for group in by_setup(runs).values() for scan in scans]
 
 
-def by_setup(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
-    """The runs that have an error, by engine and sensor, in the order given."""
-    groups: dict[tuple[str, str], list[Run]] = {}
+def by_setup(runs: Sequence[Run]) -> dict[Setup, list[Run]]:
+    """The runs that have an error, by setup, in the order given."""
+    groups: dict[Setup, list[Run]] = {}
     for run in runs:
         if run.initial_error is not None:
-            groups.setdefault((run.engine, run.sensor), []).append(run)
+            groups.setdefault(Setup(run.engine, run.sensor, run.camera), []).append(run)
     return groups
 
 
@@ -74,24 +91,28 @@ def states_after(runs: Sequence[Run], scan: int) -> list[tuple[Row, Detail]]:
     return [(run.rows[k], run.details[k]) for run, k in last]
 
 
-def _summary(runs: Sequence[Run], scan: int) -> Summary:
+def summary_of(runs: Sequence[Run], scan: int) -> Summary:
+    """Of runs that have an error; the setup named is the first one's."""
     errors = errors_after(runs, scan)
     rows = [row for row, _ in states_after(runs, scan)]
-    compute = np.array([row.compute_ms for row in rows if row.scan == scan] or [np.nan], dtype=np.float64)
+    made = [row for row in rows if row.scan == scan]
+    compute = np.array([row.compute_ms for row in made] or [np.nan], dtype=np.float64)
 
     def mean(field: str) -> float:
-        return float(np.mean([getattr(row, field) for row in rows])) if rows else float("nan")
+        values = [getattr(row, field) for row in rows]
+        return float(np.mean([value for value in values if value is not None] or [np.nan]))
 
     return Summary(
-        engine=runs[0].engine,
-        sensor=runs[0].sensor,
+        setup=Setup(runs[0].engine, runs[0].sensor, runs[0].camera),
         scan=scan,
         n=len(runs),
+        made=len(made),
         mean=float(errors.mean()),
         sd=float(errors.std()),
         median=float(np.median(errors)),
         p95=float(np.quantile(errors, 0.95)),
         large=float((errors > LARGE).mean()),
+        error_fitted=mean("error_fitted"),
         covered=mean("covered"),
         expected_error=mean("expected_error"),
         fraction=mean("fraction"),

@@ -1,112 +1,159 @@
-"""What an evaluation found, in tables: by scan, by object, and by engine and sensor."""
+"""What an evaluation found, in tables for a terminal and for Markdown: by scan, by object, honesty and convergence."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
-from rich.table import Table
+from rich.table import Table as RichTable
 
-from pretouch.geometry import Array
-from pretouch_simulation.evaluation_rows import Row, Run
-from pretouch_simulation.evaluation_summary import LARGE, errors_after, summaries
+from pretouch_simulation.evaluation_convergence import convergence
+from pretouch_simulation.evaluation_honesty import Honesty, honesty
+from pretouch_simulation.evaluation_rows import Run
+from pretouch_simulation.evaluation_summary import Setup, Summary, by_setup, summaries, summary_of
+
+Judged = TypeVar("Judged", Summary, Honesty)
+_ERRORS = ("mean cm", "median", "std", "p95", "> 1 cm")
+_COSTS = ("covered", "expected", "share", "robot s")
 
 
-def by_scan(runs: Sequence[Run], scans: int) -> Table:
-    """One line per scan over all runs; a run that stopped keeps its last state in later lines."""
-    table = _table("After each scan", "scan", "n", "scanned", *_ERRORS, *_COSTS, "ms")
-    good = [run for run in runs if run.initial_error is not None]
-    if not good:
+@dataclass(frozen=True)
+class Table:
+    """Cells under their headings; `first` of the columns hold text, the others numbers."""
+
+    title: str
+    headings: tuple[str, ...]
+    lines: tuple[tuple[str, ...], ...]
+    first: int = 1
+
+    def rich(self) -> RichTable:
+        """For a terminal."""
+        table = RichTable(title=self.title, title_justify="left")
+        for k, heading in enumerate(self.headings):
+            table.add_column(heading, justify="left" if k < self.first else "right", no_wrap=True)
+        for line in self.lines:
+            table.add_row(*line)
         return table
-    initial = np.array([run.initial_error for run in good], dtype=np.float64)
-    table.add_row("none", str(len(good)), "", *_error_cells(initial), "", "", "", "")
-    for scan in range(1, scans + 1):
-        made = [run.rows[scan - 1] for run in good if len(run.rows) >= scan]
-        states = [run.rows[min(scan, len(run.rows)) - 1] for run in good if run.rows]
-        table.add_row(
-            str(scan),
-            str(len(good)),
-            str(len(made)),
-            *_error_cells(errors_after(good, scan)),
-            _mean(states, "covered", "{:.0%}"),
-            _mean(states, "fraction", "{:.1%}"),
-            _mean(states, "robot_seconds", "{:.1f}"),
-            _mean(made, "compute_ms", "{:.0f}"),
-        )
-    return table
+
+    def markdown(self) -> str:
+        """Without the title."""
+        lines = (self.headings, ["---"] * len(self.headings), *self.lines)
+        return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def by_scan(runs: Sequence[Run], scans: Sequence[int]) -> Table:
+    """A line for each setup and number of scans, engines under each other; 0 scans is the error before.
+
+    A run that stopped counts with its last state in later lines; `made` is how many made the scan, and their time is
+    what `ms` counts.
+    """
+    found = summaries(runs, scans)
+    told, fitted = _varied(runs), any(not math.isnan(one.error_fitted) for one in found)
+    lines = []
+    for one in _side_by_side(found):
+        cells = [*_setup_cells(one.setup, told), str(one.scan), str(one.n), str(one.made), *_errors(one, fitted)]
+        lines.append((*cells, *_costs(one), _number(one.compute_p50), _number(one.compute_p95)))
+    headings = (*told, "scan", "n", "made", *_error_headings(fitted), *_COSTS, "ms p50", "ms p95")
+    return Table("After each scan", headings, tuple(lines), len(told))
 
 
 def by_object(runs: Sequence[Run], scans: int) -> Table:
     """One line per object: its errors after the last scan."""
-    table = _table(f"By object, after scan {scans}", "object", "n", "before", "1 scan", *_ERRORS, *_COSTS)
     good = sorted((run for run in runs if run.initial_error is not None), key=lambda run: run.mesh)
+    fitted = any(run.frame is not None for run in good)
+    lines = []
     for name, group in groupby(good, key=lambda run: run.mesh):
-        views = list(group)
-        last = [run.rows[-1] for run in views if run.rows]
-        initial = np.mean([run.initial_error for run in views if run.initial_error is not None])
-        table.add_row(
-            name,
-            str(len(views)),
-            _cm(float(initial)),
-            _cm(float(errors_after(views, 1).mean())),
-            *_error_cells(errors_after(views, scans)),
-            _mean(last, "covered", "{:.0%}"),
-            _mean(last, "fraction", "{:.1%}"),
-            _mean(last, "robot_seconds", "{:.1f}"),
+        before, first, last = (summary_of(views, scan) for views in [list(group)] for scan in (0, 1, scans))
+        means = (_cm(one.mean) for one in (before, first))
+        lines.append((name, str(last.n), *means, *_errors(last, fitted), *_costs(last)))
+    headings = ("object", "n", "before", "1 scan", *_error_headings(fitted), *_COSTS)
+    return Table(f"By object, after scan {scans}", headings, tuple(lines))
+
+
+def honesty_table(runs: Sequence[Run], scans: Sequence[int]) -> Table:
+    """A line for each setup and number of scans: the share of truths in the stated regions.
+
+    `hardest`: of the quarter of the runs with the largest error. `sure, wrong`: the error is above 1.5 cm while less than 0.5 cm is expected.
+    """
+    told = _varied(runs)
+    lines = [
+        (
+            *_setup_cells(one.setup, told),
+            *(str(one.scan), str(one.n)),
+            *(_share(value) for value in (one.within50, one.within80, one.within95)),
+            *(_share(value) for value in (one.hard50, one.hard80, one.hard95)),
+            *(_cm(one.expected_error), _cm(one.error), _share(one.sure_and_wrong)),
         )
-    return table
-
-
-def by_engine(runs: Sequence[Run], scans: int) -> Table:
-    """One line per engine, sensor and scan."""
-    table = _table("By engine", "engine", "sensor", "scan", "n", *_ERRORS, "covered", "expected", *_COSTS[1:], *_TIMES)
-    for one in summaries(runs, range(1, scans + 1)):
-        table.add_row(
-            one.engine,
-            one.sensor,
-            str(one.scan),
-            str(one.n),
-            *(_cm(value) for value in (one.mean, one.median, one.sd, one.p95)),
-            f"{one.large:.0%}",
-            f"{one.covered:.0%}",
-            _cm(one.expected_error),
-            f"{one.fraction:.1%}",
-            f"{one.robot_seconds:.1f}",
-            f"{one.compute_p50:.0f}",
-            f"{one.compute_p95:.0f}",
-        )
-    return table
-
-
-_ERRORS = ("mean cm", "median", "std", "p95", "> 1 cm")
-_COSTS = ("covered", "share", "robot s")
-_TIMES = ("ms p50", "ms p95")
-
-
-def _error_cells(errors: Array) -> list[str]:
-    return [
-        _cm(float(errors.mean())),
-        _cm(float(np.median(errors))),
-        _cm(float(errors.std())),
-        _cm(float(np.quantile(errors, 0.95))),
-        f"{(errors > LARGE).mean():.0%}",
+        for one in _side_by_side(honesty(runs, scans))
     ]
+    regions = tuple(f"{whom}in {level} %" for whom in ("", "hardest ") for level in (50, 80, 95))
+    headings = (*told, "scan", "n", *regions, "stated cm", "true cm", "sure, wrong")
+    return Table("Truth in the stated regions", headings, tuple(lines), len(told))
+
+
+def convergence_table(runs: Sequence[Run], tolerance: float) -> Table:
+    """A line for each setup: which share converged, which of those was within `tolerance`, m, and after how long."""
+    told = _varied(runs)
+    lines = [
+        (
+            *(*_setup_cells(one.setup, told), str(one.n)),
+            *(_share(one.converged), _share(one.within)),
+            *(_number(value, 1) for value in (one.seconds_median, one.seconds_p90)),
+        )
+        for one in convergence(runs, tolerance)
+    ]
+    within = f"within {1000 * tolerance:g} mm" + (" + 2 mm, fitted" if any(run.frame for run in runs) else "")
+    headings = (*told, "n", "converged", f"of those {within}", "robot s median", "p90")
+    return Table("Convergence", headings, tuple(lines), len(told))
+
+
+def _varied(runs: Sequence[Run]) -> tuple[str, ...]:
+    """What of the setup differs between the runs, and is told."""
+    setups = list(by_setup(runs))
+    return tuple(name for name in ("camera", "sensor", "engine") if len({getattr(one, name) for one in setups}) > 1)
+
+
+def _side_by_side(found: Sequence[Judged]) -> list[Judged]:
+    """By camera and sensor, then scan, then engine; what was before the first scan, once for all engines."""
+    worlds = dict.fromkeys(one.setup.world for one in found)
+    scans = sorted({one.scan for one in found})
+    lines: list[Judged] = []
+    for world in worlds:
+        for scan in scans:
+            at = [one for one in found if (one.setup.world, one.scan) == (world, scan)]
+            lines += at if scan else at[:1]
+    return lines
+
+
+def _setup_cells(setup: Setup, told: Sequence[str]) -> list[str]:
+    return [getattr(setup, name) for name in told]
+
+
+def _error_headings(fitted: bool) -> tuple[str, ...]:
+    return (*_ERRORS, *(["fitted"] if fitted else []))
+
+
+def _errors(one: Summary, fitted: bool) -> list[str]:
+    cells = [*(_cm(value) for value in (one.mean, one.median, one.sd, one.p95)), _share(one.large)]
+    return [*cells, _cm(one.error_fitted)] if fitted else cells
+
+
+def _costs(one: Summary) -> list[str]:
+    share = "" if math.isnan(one.fraction) else f"{one.fraction:.1%}"
+    return [_share(one.covered), _cm(one.expected_error), share, _number(one.robot_seconds, 1)]
 
 
 def _cm(metres: float) -> str:
-    return f"{100 * metres:.2f}"
+    return _number(100 * metres, 2)
 
 
-def _mean(rows: Sequence[Row], field: str, text: str) -> str:
-    values: list[Any] = [getattr(row, field) for row in rows]
-    return text.format(float(np.mean(values))) if values else ""
+def _share(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.0%}"
 
 
-def _table(title: str, first: str, *columns: str) -> Table:
-    table = Table(title=title, title_justify="left")
-    table.add_column(first, no_wrap=True)
-    for column in columns:
-        table.add_column(column, justify="right", no_wrap=True)
-    return table
+def _number(value: float, digits: int = 0) -> str:
+    return "" if np.isnan(value) else f"{value:.{digits}f}"

@@ -14,11 +14,12 @@ import numpy as np
 from pretouch_registrar.registration import Settings, register
 from scipy.spatial import cKDTree
 
-from pretouch.geometry import Array, Pose
+from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
+from pretouch.session import State
 from pretouch.tof import Scan
 from pretouch_simulation.evaluation import Protocol, loop_of, request_of
-from pretouch_simulation.evaluation_rows import Detail, Row
+from pretouch_simulation.evaluation_rows import Outcome
 from pretouch_simulation.protocol import Case, generator
 
 NOISE = 0.0015
@@ -28,46 +29,36 @@ ON_PERIMETER = 1.0
 _SCANNED = 0.005
 
 
-async def run_case(case: Case, protocol: Protocol) -> tuple[list[Row], list[Detail]]:
-    """One row, and what stands behind it, for each of the first `protocol.scans` regions."""
+async def run_case(case: Case, protocol: Protocol) -> list[Outcome]:
+    """One for each of the first `protocol.scans` regions; the last one leaves the session exhausted."""
     request = request_of(case, protocol)
     started = time.perf_counter()
     record = await loop_of(protocol).open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
     opening = time.perf_counter() - started
     true_cloud = case.truth.apply(case.cloud)
-    initial = case.error(Pose.identity())
     settings = Settings(protocol.engine, request.prior, request.sensor)
     scans: list[Scan] = []
-    rows: list[Row] = []
-    details: list[Detail] = []
+    outcomes: list[Outcome] = []
     length = 0.0
-    for region in sorted(record.regions, key=lambda region: -region.confidence)[: protocol.scans]:
-        rng = generator("paper setting", protocol.seed, case.name, case.view, len(rows))
+    regions = sorted(record.regions, key=lambda region: -region.confidence)[: protocol.scans]
+    for region in regions:
+        rng = generator("paper setting", protocol.seed, case.name, case.view, len(outcomes))
         scans.append(Scan.of_points(cut(case, true_cloud, region.rectangle, rng), -record.scene.table.normal))
         length += perimeter_length(case, region.rectangle)
         started = time.perf_counter()
         estimate = register(record.scene, scans, settings)
-        seconds = time.perf_counter() - started + (opening if not rows else 0.0)
-        rows.append(
-            Row(
-                mesh=case.name,
-                view=case.view,
-                scan=len(rows) + 1,
-                proposer=record.proposer.value,
-                engine=protocol.engine.value,
-                planner=protocol.planner.value,
-                sensor="paper",
-                initial_error=initial,
-                error=case.error(estimate.base_T_correction),
-                expected_error=estimate.expected_error,
-                covered=case.covered(estimate),
+        seconds = time.perf_counter() - started + (opening if not outcomes else 0.0)
+        outcomes.append(
+            Outcome(
+                proposer=record.proposer,
+                estimate=estimate,
+                state=State.AWAITING_SCAN if len(scans) < len(regions) else State.EXHAUSTED,
                 fraction=_fraction(true_cloud, scans),
                 robot_seconds=length / request.scan.speed,
-                compute_ms=1000.0 * seconds,
+                seconds=seconds,
             )
         )
-        details.append(Detail.of(case, estimate))
-    return rows, details
+    return outcomes
 
 
 def cut(case: Case, true_cloud: Array, rectangle: RotatedRectangle, rng: np.random.Generator) -> Array:

@@ -45,7 +45,7 @@ def binned(expected: ArrayLike, achieved: ArrayLike, bins: int = _BINS) -> tuple
 
 
 def save_reliability(runs: Sequence[Run], scans: Sequence[int], title: str, path: Path) -> None:
-    """Writes a PNG: nominal against observed coverage, a panel per engine and sensor, a line per number of scans."""
+    """Writes a PNG: nominal against observed coverage, a panel per setup, a line per number of scans."""
     figure, panels = _panels(runs, title)
     for axes, group in panels:
         axes.plot([0, 100], [0, 100], color="black", linewidth=0.8)
@@ -64,7 +64,7 @@ def save_reliability(runs: Sequence[Run], scans: Sequence[int], title: str, path
 
 
 def save_expected_errors(runs: Sequence[Run], scans: Sequence[int], title: str, path: Path) -> None:
-    """Writes a PNG: expected against true error, a dot per run and a line of means, a panel per engine and sensor."""
+    """Writes a PNG: expected against true error, a dot per run and a line of means, a panel per setup."""
     figure, panels = _panels(runs, title)
     for axes, group in panels:
         axes.plot([0.02, 10], [0.02, 10], color="black", linewidth=0.8)
@@ -97,19 +97,19 @@ def save_small(figure: Any, path: Path, dpi: int) -> None:
 
 
 def _panels(runs: Sequence[Run], title: str) -> tuple[Any, list[tuple[Any, list[Run]]]]:
-    """A figure with a line of panels per engine and a column per sensor, and the runs of each panel."""
+    """A figure with a line of panels per engine and a column per camera and sensor, and the runs of each panel."""
     from matplotlib.figure import Figure
 
     groups = by_setup(runs)
-    engines, sensors = (list(dict.fromkeys(names)) for names in zip(*groups, strict=True))
-    size = (4.6 * len(sensors), 0.5 + 4.4 * len(engines))
+    engines, worlds = (list(dict.fromkeys(names)) for names in zip(*((s.engine, s.world) for s in groups), strict=True))
+    size = (4.6 * len(worlds), 0.5 + 4.4 * len(engines))
     figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(title)
-    grid = figure.subplots(len(engines), len(sensors), squeeze=False)
+    grid = figure.subplots(len(engines), len(worlds), squeeze=False)
     panels = []
-    for (engine, sensor), group in groups.items():
-        axes = grid[engines.index(engine), sensors.index(sensor)]
-        axes.set_title(f"{engine}, {sensor}, n = {len(group)}")
+    for setup, group in groups.items():
+        axes = grid[engines.index(setup.engine), worlds.index(setup.world)]
+        axes.set_title(f"{setup.engine}, {setup.camera}, {setup.sensor}, n = {len(group)}")
         panels.append((axes, group))
     return figure, panels
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_frame import write_mesh
+from made_frame import write_frame, write_mesh
 from pretouch_simulation.objects import MAKERS
 
 FIELDS = {
@@ -24,9 +24,11 @@ FIELDS = {
     "error": float,
     "expected_error": float,
     "covered": bool,
+    "state": str,
     "fraction": float,
     "robot_seconds": float,
     "compute_ms": float,
+    "camera": str,
 }
 
 
@@ -43,7 +45,11 @@ def command(meshes: Path, out: Path, *options: str) -> list[str]:
 
 
 def evaluate(meshes: Path, out: Path, *options: str) -> dict[str, Any]:
-    done = subprocess.run(command(meshes, out, *options), capture_output=True, text=True, timeout=240)
+    return answered(command(meshes, out, *options), out)
+
+
+def answered(command: list[str], out: Path) -> dict[str, Any]:
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr[-2000:] + done.stdout[-2000:]
     answer = json.loads(out.read_text())
     assert not out.with_name(out.name + ".partial").exists()
@@ -72,6 +78,25 @@ def test_rows_have_the_agreed_form_and_do_not_depend_on_the_workers(meshes: Path
     assert timeless(one) == timeless(two)
     last = [row for row in one["rows"] if row["scan"] == 2]
     assert sum(row["error"] for row in last) < 0.7 * sum(row["initial_error"] for row in last)
+
+
+def test_real_frames_have_sessions_with_default_budgets(tmp_path: Path) -> None:
+    write_frame(tmp_path)
+    out = tmp_path / "out.json"
+    options = ["--proposer", "random", "--engine", "paper", "--seeds", "1", "--seed", "4"]
+    frames = [sys.executable, "-m", "pretouch", "evaluate", "--frames", str(tmp_path), "--json", str(out), *options]
+    answer = answered(frames, out)
+    assert answer["seed"] == 4
+    rows = answer["rows"]
+    for row in rows:
+        assert {name: type(value) for name, value in row.items()} == {**FIELDS, "frame": str, "error_fitted": float}
+        assert (row["frame"], row["view"], row["camera"]) == ("frame", 4, "real")
+        assert abs(row["error"] - row["error_fitted"]) < 0.002
+    for name in ("box", "can"):
+        states = [row["state"] for row in rows if row["mesh"] == name]
+        assert 1 <= len(states) <= 10
+        assert set(states[:-1]) <= {"awaiting_scan"}
+        assert states[-1] in ("converged", "exhausted")
 
 
 def test_several_engines_and_sensors_share_one_file(meshes: Path, tmp_path: Path) -> None:
@@ -160,6 +185,22 @@ def test_a_wrong_mesh_is_named_and_the_others_are_kept(meshes: Path, tmp_path: P
     assert done.returncode == 1
     assert "broken, view 0 failed" in done.stdout
     assert {row["mesh"] for row in json.loads(out.read_text())["rows"]} == {"mug"}
+
+
+def test_a_session_that_converged_says_so_and_stops(meshes: Path, tmp_path: Path) -> None:
+    options = ("--only", "drill", "--views", "1", "--scans", "3", "--proposer", "random")
+    answer = evaluate(meshes, tmp_path / "out.json", *options, "--tolerance", "0.02")
+    assert [row["state"] for row in answer["rows"]][-1] == "converged"
+    assert len(answer["rows"]) < 3
+    never = evaluate(meshes, tmp_path / "never.json", *options)
+    assert [row["state"] for row in never["rows"]] == ["awaiting_scan", "awaiting_scan", "exhausted"]
+
+
+def test_a_low_tip_is_planned_otherwise(meshes: Path, tmp_path: Path) -> None:
+    options = ("--only", "drill", "--views", "1", "--scans", "1", "--proposer", "random")
+    safe, low = (evaluate(meshes, tmp_path / f"{tip}.json", *options, "--tip", tip) for tip in ("safe", "low"))
+    assert safe["rows"][0]["initial_error"] == low["rows"][0]["initial_error"]
+    assert safe["rows"][0]["error"] != low["rows"][0]["error"]
 
 
 def test_a_missing_folder_is_said_in_two_lines(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from made_frame import write_mesh
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol, loop_of, request_of, run_view
+from pretouch_simulation.evaluation import Protocol, loop_of, request_of, run_task
+from pretouch_simulation.evaluation_tasks import MeshTask
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.objects import box, mug
 from pretouch_simulation.protocol import make_case
@@ -36,6 +37,6 @@ async def test_a_flat_card_has_no_keypoint_and_its_session_ends_exhausted() -> N
 
 def test_evaluation_rows_name_the_proposer(tmp_path: Path) -> None:
     write_mesh(tmp_path / "mug.obj", mug())
-    (run,) = run_view(tmp_path / "mug.obj", 0, [PROTOCOL])
+    (run,) = run_task(MeshTask(tmp_path / "mug.obj", 0), [PROTOCOL])
     assert [row.proposer for row in run.rows] == ["narf"]
     assert run.rows[0].error < run.rows[0].initial_error

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_runs import KEY, run_of
 from PIL import Image
-from pretouch_simulation.evaluation_rows import Detail, Row, Run
+from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.reliability import (
     LEVELS,
     binned,
@@ -54,18 +55,12 @@ def test_bins_keep_the_mean_and_the_order(pairs: list[tuple[float, float]]) -> N
 
 def runs(engine: str, sensor: str) -> list[Run]:
     rng = np.random.default_rng(1)
-    found = []
-    for view in range(12):
-        rows, details = [], []
-        for scan in (1, 2):
-            error = float(rng.uniform(0.002, 0.01))
-            costs = (0.1, 5.0, 40.0)
-            rows.append(
-                Row("mug", view, scan, "random", engine, "information", sensor, 0.02, error, 0.005, True, *costs)
-            )
-            details.append(Detail((0.0,) * 6, (1.0,) * 6, float(rng.chisquare(6)), 0.01, "", 100, 50))
-        found.append(Run("mug", view, engine, sensor, 0.02, tuple(rows), tuple(details)))
-    return [*found, Run("mug", 99, engine, sensor, None, problem="broken")]
+    key = KEY._replace(engine=engine, sensor=sensor)
+    found = [
+        run_of(key._replace(view=view), *rng.uniform(0.002, 0.01, 2), distances2=rng.chisquare(6, 2).tolist())
+        for view in range(12)
+    ]
+    return [*found, Run(**key._replace(view=99)._asdict(), initial_error=None, problem="broken")]
 
 
 @pytest.mark.parametrize("save", [save_reliability, save_expected_errors])

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_runs import KEY, run_of
 from PIL import Image
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.evaluation import Protocol, Step, steps_of
-from pretouch_simulation.evaluation_rows import Detail, Row, Run
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.objects import box
 from pretouch_simulation.protocol import CAMERA, Case, make_case
@@ -42,18 +42,9 @@ def steps(case: Case) -> list[Step]:
     return steps_of(case, PROTOCOL, 2)
 
 
-def run_of(mesh: str, *errors: float) -> Run:
-    costs = (0.1, 5.0, 40.0)
-    rows = [
-        Row(mesh, 0, k, "random", "map", "information", "ideal", 0.02, error, 0.005, True, *costs)
-        for k, error in enumerate(errors, start=1)
-    ]
-    detail = Detail((0.0,) * 6, (1.0,) * 6, 6.0, 0.01, "", 100, 50)
-    return Run(mesh, 0, "map", "ideal", 0.02, tuple(rows), (detail,) * len(rows))
-
-
 def test_the_worst_come_first_and_runs_without_scans_do_not_count() -> None:
-    runs = [run_of("a", 0.01, 0.001), run_of("b", 0.03, 0.002), run_of("c", 0.02), run_of("d")]
+    errors = {"a": (0.01, 0.001), "b": (0.03, 0.002), "c": (0.02,), "d": ()}
+    runs = [run_of(KEY._replace(mesh=name), *after) for name, after in errors.items()]
     assert [run.mesh for run in worst_runs(runs, 1, 2)] == ["b", "c"]
     assert [run.mesh for run in worst_runs(runs, 2, 5)] == ["c", "b", "a"]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import ndimage
 
@@ -11,14 +13,29 @@ from pretouch_orchestrator.heightmap import HeightMap
 
 FINGER_RADIUS = 0.010
 """m around the beam that the finger takes up."""
-CLOSEST = 0.005
-"""m from object or table that the tip does not come within, but for one scan in a thousand."""
-_SIGMAS = 3.0
-"""The standoff is kept from whatever may come under the finger within this many standard deviations to a side."""
-_SAFE_SIGMAS = 4.0
-"""CLOSEST is kept up to this many. Over all places of a scan at once, the table's three degrees of freedom exceed it
-upwards with at most P(chi2_3 > 16) / 2 = 0.06 %, and sideways with P(chi2_2 > 16) = 0.03 %: 0.1 % together."""
 _DISC_STEPS = 6
+
+
+@dataclass(frozen=True)
+class Margins:
+    """What is kept between the fingertip and what may lie under it, in standard deviations of the estimate.
+
+    Over all places of a scan at once, the table's three degrees of freedom exceed 4 standard deviations upwards with at
+    most P(chi2_3 > 16) / 2 = 0.06 %, and sideways with P(chi2_2 > 16) = 0.03 %: 0.1 % together.
+
+    Attributes:
+        sigmas: the standoff is kept from whatever may come under the finger within this many to a side.
+        safe_sigmas: `closest` is kept up to this many, upwards and to a side.
+        closest: m from object or table that the tip does not come within.
+    """
+
+    sigmas: float = 3.0
+    safe_sigmas: float = 4.0
+    closest: float = 0.005
+
+
+SAFE = Margins()
+"""The tip comes closer than 5 mm in at most one scan of a thousand."""
 
 
 def table_covariance(base_T_table: Pose, estimate: Estimate) -> Array:
@@ -50,23 +67,25 @@ def lateral_std(covariance: Array, arms: Array) -> float:
     return float(np.sqrt(max(largest, 0.0)))
 
 
-def reach_of(lateral: float) -> float:
+def reach_of(lateral: float, margins: Margins = SAFE) -> float:
     """m: how far around the beam the surface counts when a point may be `lateral` m, one sigma, to a side."""
-    return max(FINGER_RADIUS + _SIGMAS * lateral, CLOSEST + _SAFE_SIGMAS * lateral)
+    return max(FINGER_RADIUS + margins.sigmas * lateral, margins.closest + margins.safe_sigmas * lateral)
 
 
-def lowest_tip(height_map: HeightMap, estimate: Estimate, reach: float, standoff: float) -> Array:
+def lowest_tip(
+    height_map: HeightMap, estimate: Estimate, reach: float, standoff: float, margins: Margins = SAFE
+) -> Array:
     """The lowest allowed height of the tip, (nx, ny), m in the table's frame, over each cell of the map.
 
-    It is at least `standoff` above the highest believed point within `reach` m, and at least CLOSEST above it plus four
-    standard deviations of that point's height. No more than that: what lies lower than the highest point near it must
-    stay within the sensor's range.
+    It is at least `standoff` above the highest believed point within `reach` m, and at least `margins.closest` above it
+    plus `margins.safe_sigmas` standard deviations of that point's height. No more than that: what lies lower than the
+    highest point near it must stay within the sensor's range.
     """
     covariance = table_covariance(height_map.base_T_table, estimate)
     x, y = height_map.places()
     cx, cy, _ = height_map.base_T_table.inverse().apply(estimate.centroid)
     sigma = vertical_std(covariance, x - cx, y - cy)
-    tip = height_map.believed + np.maximum(standoff, CLOSEST + _SAFE_SIGMAS * sigma)
+    tip = height_map.believed + np.maximum(standoff, margins.closest + margins.safe_sigmas * sigma)
     return _highest_within(tip, reach / height_map.cell)
 
 

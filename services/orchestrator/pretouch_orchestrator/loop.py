@@ -20,6 +20,7 @@ from pretouch.trajectory import Trajectory
 from pretouch_orchestrator.budget import affordable, limit_of
 from pretouch_orchestrator.clusters import specks
 from pretouch_orchestrator.endings import ended, exhausted, has_converged
+from pretouch_orchestrator.envelope import SAFE, Margins
 from pretouch_orchestrator.path import plan_paths
 from pretouch_orchestrator.ports import Detector, Registrar
 from pretouch_orchestrator.record import Record
@@ -39,11 +40,16 @@ _MAX_REGIONS = 20
 
 
 class Loop:
-    """Drives sessions; holds none. Records are never changed: each step answers a new one."""
+    """Drives sessions; holds none. Records are never changed: each step answers a new one.
 
-    def __init__(self, detector: Detector, registrar: Registrar) -> None:
+    Args:
+        margins: how far planned paths keep from what the estimate leaves uncertain.
+    """
+
+    def __init__(self, detector: Detector, registrar: Registrar, margins: Margins = SAFE) -> None:
         self._detector = detector
         self._registrar = registrar
+        self._margins = margins
 
     async def open(
         self, id: str, created: float, request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
@@ -114,7 +120,7 @@ class Loop:
         """Ends the session or plans its next scan."""
         if has_converged(record):
             return ended(record, State.CONVERGED)
-        paths = await asyncio.to_thread(_paths, record)
+        paths = await asyncio.to_thread(_paths, record, self._margins)
         candidates = await asyncio.to_thread(affordable, record, paths)
         if not candidates:
             return exhausted(record, await asyncio.to_thread(limit_of, record, paths))
@@ -137,10 +143,11 @@ def viewed(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] |
     return replace(scene, depth=DepthImage(believed)), origin
 
 
-def _paths(record: Record) -> dict[str, Trajectory]:
+def _paths(record: Record, margins: Margins) -> dict[str, Trajectory]:
     """By region id: the paths of the open regions whose perimeter comes over the object."""
     regions = open_regions(record)
     u0, v0 = record.origin
     rectangles = [region.rectangle.shifted(-u0, -v0) for region in regions]
-    paths = plan_paths(record.scene, rectangles, record.estimate, record.request.scan) if regions else []
+    settings = record.request.scan
+    paths = plan_paths(record.scene, rectangles, record.estimate, settings, margins) if regions else []
     return {region.id: path for region, path in zip(regions, paths, strict=True) if path is not None}

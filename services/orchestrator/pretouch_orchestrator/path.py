@@ -14,7 +14,7 @@ from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import ScanSettings
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.envelope import lateral_std, lowest_tip, reach_of, table_covariance
+from pretouch_orchestrator.envelope import SAFE, Margins, lateral_std, lowest_tip, reach_of, table_covariance
 from pretouch_orchestrator.heightmap import HeightMap, height_map
 
 _WORTHWHILE = 0.015
@@ -36,7 +36,11 @@ _SPEED_MARGIN = 0.999
 
 
 def plan_paths(
-    scene: Scene, rectangles: Sequence[RotatedRectangle], estimate: Estimate, settings: ScanSettings
+    scene: Scene,
+    rectangles: Sequence[RotatedRectangle],
+    estimate: Estimate,
+    settings: ScanSettings,
+    margins: Margins = SAFE,
 ) -> list[Trajectory | None]:
     """A path of the fingertip along each rectangle's perimeter.
 
@@ -47,6 +51,7 @@ def plan_paths(
     Args:
         scene: the view; `rectangles` are in its pixels.
         estimate: the present one.
+        margins: how far the tip keeps from what the estimate leaves uncertain.
 
     Returns:
         For each rectangle tip poses in base, the beam opposite to the corrected table's normal, from t = 0 on; None
@@ -54,9 +59,9 @@ def plan_paths(
     """
     base_T_table = scene.table.frame()
     points = base_T_table.inverse().apply(scene.organised)
-    reach = _reach(points[scene.mask], base_T_table, estimate)
+    reach = _reach(points[scene.mask], base_T_table, estimate, margins)
     surface = height_map(scene, _WORTHWHILE + reach + _OCCLUDERS)
-    floor = lowest_tip(surface, estimate, reach + 2 * surface.cell, settings.standoff)
+    floor = lowest_tip(surface, estimate, reach + 2 * surface.cell, settings.standoff, margins)
     shown = (scene.depth.metres > 0) & (scene.mask | (np.abs(points[..., 2]) < _TABLE_BAND))
     base_T_map = estimate.base_T_correction @ base_T_table
     grounds = [_ground_path(rectangle, points[..., :2], shown, surface) for rectangle in rectangles]
@@ -66,12 +71,12 @@ def plan_paths(
     ]
 
 
-def _reach(body: Array, base_T_table: Pose, estimate: Estimate) -> float:
+def _reach(body: Array, base_T_table: Pose, estimate: Estimate, margins: Margins) -> float:
     """m around the beam that heights count; `body` (n, 3), m, the object's points in the table's frame."""
     low, high = body.min(axis=0) - _WORTHWHILE, body.max(axis=0) + _WORTHWHILE
     corners = np.stack(np.meshgrid(*np.stack([low, high], axis=1)), axis=-1).reshape(-1, 3)
     arms = corners - base_T_table.inverse().apply(estimate.centroid)
-    return reach_of(lateral_std(table_covariance(base_T_table, estimate), arms))
+    return reach_of(lateral_std(table_covariance(base_T_table, estimate), arms), margins)
 
 
 def _ground_path(

@@ -1,0 +1,107 @@
+"""What a finger could call the truth of a real frame: the camera's points fitted onto the true mesh.
+
+The hidden error D is where the frame's ground truth puts the points, but a real depth image is also biased by
+millimetres, which the finger rightly finds. The pose fitted here is D followed by the rigid motion (w, d) about the
+points' centroid that minimises
+
+    sum_i n_eff / n rho(g_i) / sigma^2 + |w|^2 / (1 deg)^2 + |d|^2 / (3 mm)^2,    rho(g) = c^2 g^2 / (c^2 + g^2),
+
+g_i being the distance of point i from the mesh and rho Geman and McClure's kernel (S. Geman, D. McClure, "Statistical
+methods for tomographic image reconstruction", 1987). It is minimised by reweighted least squares on the distances from
+the closest faces' planes (Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", 1992),
+damped as by Levenberg and Marquardt. The prior holds what the shape leaves free, such as the turn of a can, near D.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pretouch.geometry import Array, Pose, rotation_from_vector, vector_from_rotation
+from pretouch_simulation.open3d_loader import open3d
+from pretouch_simulation.protocol import Case
+from pretouch_simulation.world import Body
+
+TURN_STD = float(np.radians(1.0))
+SHIFT_STD = 0.003
+"""m."""
+_SURFACE_STD = 0.003
+"""m, sigma: a real depth image's residual against the mesh."""
+_EFFECTIVE = 100
+"""n_eff: pixels near each other err alike, so that thousands of them weigh like so many."""
+_KERNEL = 0.005
+"""m, c."""
+_TOUCHING = 1e-4
+"""m: nearer than this single precision tells no direction."""
+_MOST_POINTS = 4000
+_STEPS = 60
+_SMALL = 1e-6
+"""rad and m: a smaller step is the last."""
+
+
+def fitted_truth(case: Case) -> Pose:
+    """D followed by the best fit: the `base_T_correction` of a case whose first body is the object."""
+    return best_fit(case.truth.apply(case.cloud), case.world.bodies[0]) @ case.truth
+
+
+def best_fit(points: Array, body: Body) -> Pose:
+    """The motion that lays points (n, 3), m, in base and near their place, onto the body; see the module."""
+    some = points[:: -(-len(points) // _MOST_POINTS)]
+    centre = points.mean(axis=0)
+    surface = _Surface(body)
+    turn, shift, damping = np.eye(3), np.zeros(3), 1e-3
+    cost, information, gradient = _linearised(some - centre, centre, turn, shift, surface)
+    for _ in range(_STEPS):
+        step = -np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+        candidate = rotation_from_vector(step[:3]) @ turn, shift + step[3:]
+        found = _linearised(some - centre, centre, *candidate, surface)
+        if found[0] > cost:
+            damping *= 10.0
+        else:
+            (turn, shift), (cost, information, gradient) = candidate, found
+            damping /= 10.0
+        if np.abs(step).max() < _SMALL:
+            break
+    return Pose.of(turn, centre + shift - turn @ centre)
+
+
+class _Surface:
+    """The nearest places on a body."""
+
+    def __init__(self, body: Body) -> None:
+        o3d = open3d()
+        self._scene = o3d.t.geometry.RaycastingScene()
+        self._tensor = o3d.core.Tensor
+        vertices = body.base_T_mesh.apply(body.mesh.vertices).astype(np.float32)
+        self._scene.add_triangles(self._tensor(vertices), self._tensor(body.mesh.faces.astype(np.uint32)))
+
+    def gaps(self, points: Array) -> tuple[Array, Array]:
+        """Distances (n,), m, of points (n, 3) from the nearest place, and unit directions (n, 3) from there to them.
+
+        Over a face's inside the direction is the face's normal.
+        """
+        answer = self._scene.compute_closest_points(self._tensor(points.astype(np.float32)))
+        gap = points - answer["points"].numpy().astype(np.float64)
+        distances = np.linalg.norm(gap, axis=1)
+        normals = answer["primitive_normals"].numpy().astype(np.float64)
+        normals *= np.where(np.einsum("ij,ij->i", normals, gap) < 0, -1.0, 1.0)[:, None]
+        clear = distances > _TOUCHING
+        normals[clear] = gap[clear] / distances[clear, None]
+        return distances, normals
+
+
+def _linearised(arms: Array, centre: Array, turn: Array, shift: Array, surface: _Surface) -> tuple[float, Array, Array]:
+    """The cost of a motion, and of its quadratic model in a further (w, d): half the Hessian (6, 6), half the gradient.
+
+    Args:
+        arms: (n, 3), m, the points from their centroid `centre`.
+    """
+    turned = arms @ turn.T
+    distances, normals = surface.gaps(turned + centre + shift)
+    shrunk = _KERNEL**2 / (_KERNEL**2 + distances**2)
+    scale = _EFFECTIVE / len(arms) / _SURFACE_STD**2
+    weights = scale * shrunk**2
+    rows = np.concatenate([np.cross(turned, normals), normals], axis=1)
+    prior = np.repeat([TURN_STD**-2, SHIFT_STD**-2], 3)
+    state = np.concatenate([vector_from_rotation(turn), shift])
+    cost = float(scale * (shrunk * distances**2).sum() + (prior * state**2).sum())
+    return cost, rows.T @ (weights[:, None] * rows) + np.diag(prior), rows.T @ (weights * distances) + prior * state

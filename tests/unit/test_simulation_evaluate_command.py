@@ -1,0 +1,28 @@
+"""`pretouch evaluate` refuses what does not go together before it begins."""
+
+from pathlib import Path
+
+import pytest
+import typer
+from pretouch_simulation.evaluate_command import evaluate
+
+from pretouch.errors import InvalidInput
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "Neither --meshes nor --frames"),
+        (["--meshes", ".", "--frames", "."], "Both --meshes and --frames"),
+        (["--meshes", ".", "--seeds", "2"], "--seeds cannot go with --meshes"),
+        (["--frames", ".", "--views", "2", "--camera", "kinect"], "--views, --camera cannot go with --frames"),
+        (["--frames", ".", "--paper-setting"], "--paper-setting cannot go with --frames"),
+    ],
+)
+def test_options_that_do_not_fit_each_other_are_refused(options: list[str], said: str, tmp_path: Path) -> None:
+    app = typer.Typer()
+    app.command()(evaluate)
+    with pytest.raises(InvalidInput) as refused:
+        app([*options, "--json", str(tmp_path / "out.json")], standalone_mode=False)
+    assert said in refused.value.detail
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,121 @@
+"""The tables of an evaluation say what the runs came to, and whether the estimates deserved to be believed."""
+
+from dataclasses import replace
+from io import StringIO
+
+from made_runs import KEY, ended, run_of
+from pretouch_simulation.evaluation_rows import Run
+from pretouch_simulation.evaluation_table import Table, by_object, by_scan, convergence_table, honesty_table
+from rich.console import Console
+
+RUNS = [
+    run_of(KEY, 0.012, 0.004, 0.002),
+    run_of(KEY._replace(view=1), 0.006),
+    run_of(KEY._replace(mesh="box")),
+]
+FRAME = KEY._replace(camera="real", frame="0001")
+
+
+def cells(table: Table, line: int) -> dict[str, str]:
+    """The first cell under each heading of a line."""
+    return dict(reversed(list(zip(table.headings, table.lines[line], strict=True))))
+
+
+def test_the_table_by_scan_counts_all_runs() -> None:
+    table = by_scan(RUNS, (0, 1, 3))
+    assert table.headings[:4] == ("scan", "n", "made", "mean cm")
+    before, first, third = table.lines
+    assert before[:8] == ("0", "3", "0", "2.00", "2.00", "0.00", "2.00", "100%")
+    assert set(before[8:]) == {""}
+    assert first == (
+        *("1", "3", "2", "1.27", "1.20", "0.57", "1.92", "67%"),
+        *("0%", "0.40", "10.0%", "8.0", "50", "50"),
+    )
+    assert third[:5] == ("3", "3", "1", "0.93", "0.60")
+
+
+def test_engines_stand_under_each_other_by_camera_sensor_and_scan() -> None:
+    worlds = [{"engine": "map"}, {"engine": "paper"}, {"engine": "map", "sensor": "vl6180x"}, {"camera": "window"}]
+    runs = [run_of(KEY._replace(**world), 0.01) for world in worlds]
+    broken = Run(**KEY._replace(engine="paper", view=1)._asdict(), initial_error=None, problem="broken")
+    table = by_scan([*runs, broken], (0, 1))
+    assert table.headings[:4] == ("camera", "sensor", "engine", "scan")
+    assert [line[:5] for line in table.lines] == [
+        ("kinect", "ideal", "map", "0", "1"),
+        ("kinect", "ideal", "map", "1", "1"),
+        ("kinect", "ideal", "paper", "1", "1"),
+        ("kinect", "vl6180x", "map", "0", "1"),
+        ("kinect", "vl6180x", "map", "1", "1"),
+        ("window", "ideal", "map", "0", "1"),
+        ("window", "ideal", "map", "1", "1"),
+    ]
+
+
+def test_the_table_by_object_has_a_line_for_each() -> None:
+    box, mug = by_object(RUNS, 3).lines
+    assert box[:4] == ("box", "1", "2.00", "2.00")
+    assert mug[:6] == ("mug", "2", "2.00", "0.90", "0.40", "0.40")
+
+
+def test_real_frames_have_their_fitted_error_told() -> None:
+    runs = [
+        ended(run_of(FRAME, 0.006), "exhausted", 0.004),
+        ended(run_of(FRAME._replace(view=1), 0.006), "exhausted", 0.003),
+    ]
+    assert cells(by_scan(runs, (0, 1)), 1)["fitted"] == "0.35"
+    assert cells(by_object(runs, 1), 0)["fitted"] == "0.35"
+    assert "fitted" not in by_scan(RUNS, (1,)).headings
+
+
+def test_honesty_counts_the_truths_in_each_region_of_all_and_of_the_hardest_quarter() -> None:
+    distances2 = (5.0, 5.4, 8.6, 12.6, 1.0, 1.0, 1.0, 1.0)
+    errors = (0.03, 0.02, 0.001, 0.001, 0.001, 0.001, 0.001, 0.001)
+    runs = [
+        run_of(KEY._replace(view=view), error, distances2=(d2,))
+        for view, (error, d2) in enumerate(zip(errors, distances2, strict=True))
+    ]
+    table = honesty_table([*runs, run_of(KEY._replace(view=8))], (0, 1))
+    ((scan, n, *shares, stated, true, wrong),) = table.lines
+    assert (scan, n) == ("1", "8")
+    assert shares == ["62%", "75%", "88%", "50%", "100%", "100%"]
+    assert (stated, true, wrong) == ("0.40", "0.70", "25%")
+
+
+def test_a_doubtful_estimate_is_not_called_sure() -> None:
+    run = run_of(KEY, 0.03)
+    doubtful = replace(run, rows=tuple(replace(row, expected_error=0.006) for row in run.rows))
+    assert cells(honesty_table([run], (1,)), 0)["sure, wrong"] == "100%"
+    assert cells(honesty_table([doubtful], (1,)), 0)["sure, wrong"] == "0%"
+
+
+def test_convergence_tells_how_many_how_rightly_and_how_fast() -> None:
+    right, wrong, late = (
+        ended(run_of(KEY._replace(view=view), *errors), "converged")
+        for view, errors in enumerate([(0.002,), (0.01, 0.004), (0.01, 0.01, 0.003)])
+    )
+    never = ended(run_of(KEY._replace(view=3), 0.001), "exhausted")
+    line = cells(convergence_table([right, wrong, late, never, run_of(KEY._replace(view=4))], 0.003), 0)
+    assert line == {
+        **{"n": "5", "converged": "60%", "of those within 3 mm": "67%"},
+        **{"robot s median": "16.0", "p90": "22.4"},
+    }
+
+
+def test_on_real_frames_the_fitted_error_and_two_millimetres_count() -> None:
+    runs = [
+        ended(run_of(FRAME._replace(view=k), 0.006), "converged", fitted) for k, fitted in enumerate((0.0049, 0.0051))
+    ]
+    assert cells(convergence_table(runs, 0.003), 0)["of those within 3 mm + 2 mm, fitted"] == "50%"
+
+
+def test_where_nothing_converged_nothing_is_said_of_it() -> None:
+    assert convergence_table([ended(run_of(KEY, 0.001), "exhausted")], 0.003).lines == (("1", "0%", "", "", ""),)
+
+
+def test_a_terminal_and_markdown_hold_the_same_cells() -> None:
+    table = by_scan(RUNS, (1,))
+    screen = StringIO()
+    Console(file=screen, width=200).print(table.rich())
+    shown = screen.getvalue().splitlines()[-2]
+    assert [cell.strip() for cell in shown.strip("│").split("│")] == list(table.lines[0])
+    assert [cell.strip() for cell in table.markdown().splitlines()[-1].strip("|").split("|")] == list(table.lines[0])

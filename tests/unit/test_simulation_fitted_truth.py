@@ -1,0 +1,75 @@
+"""The fit of a real frame finds what the depth is biased by, and leaves alone what the shape leaves free."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_frame import write_frame
+from pretouch_simulation.depth_cameras import CameraModel
+from pretouch_simulation.evaluation import Subject
+from pretouch_simulation.evaluation_tasks import FrameTask, MeshTask
+from pretouch_simulation.fitted_truth import TURN_STD, fitted_truth
+from pretouch_simulation.frame_folder import frames_in
+from pretouch_simulation.frames import frame_case, load_frame
+from pretouch_simulation.protocol import Case
+
+from pretouch.camera import DepthImage
+from pretouch.geometry import Pose, rotation_from_vector, vector_from_rotation
+
+SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).parents[3] / "shared"))
+REAL = SHARED / "data" / "real_depth" / "ycb_video"
+
+
+@pytest.fixture(scope="module")
+def frame_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_frame(tmp_path_factory.mktemp("frames"))
+
+
+def biased(case: Case, metres: float) -> Case:
+    """The case with all depth further away; the truth as it was."""
+    depth = case.depth.metres
+    return replace(case, depth=DepthImage(np.where(depth > 0, depth + metres, 0).astype(np.float32)))
+
+
+@pytest.mark.parametrize("name", ["box", "can"])
+def test_a_depth_bias_is_found(frame_file: Path, name: str) -> None:
+    case = frame_case(load_frame(frame_file), name, seed=0)
+    unbiased = fitted_truth(case)
+    assert case.error(unbiased) < 0.0005
+    moved = biased(case, 0.004)
+    fitted = replace(moved, truth=fitted_truth(moved))
+    axis = (moved.truth @ moved.base_T_camera).rotation[:, 2]
+    shift = fitted.truth.apply(moved.cloud).mean(axis=0) - moved.truth.apply(moved.cloud).mean(axis=0)
+    np.testing.assert_allclose(shift, -0.004 * axis, atol=0.0008)
+    assert fitted.error(unbiased) < 0.001
+    assert fitted.error(moved.truth) > 0.003
+
+
+def test_round_things_do_not_turn_about_their_axis(frame_file: Path) -> None:
+    case = frame_case(load_frame(frame_file), "can", seed=0)
+    turn = vector_from_rotation((fitted_truth(biased(case, 0.004)) @ case.truth.inverse()).rotation)
+    assert abs(turn[2]) < 0.1 * TURN_STD
+
+
+def test_what_the_shape_holds_is_turned_back(frame_file: Path) -> None:
+    case = frame_case(load_frame(frame_file), "box", seed=0)
+    centre = case.truth.apply(case.cloud).mean(axis=0)
+    turn = rotation_from_vector([0.02, 0.0, 0.03])
+    off = Pose.of(turn, centre - turn @ centre) @ case.truth
+    assert case.error(off) > 2 * case.error(fitted_truth(replace(case, truth=off)))
+
+
+def test_only_frames_are_fitted(frame_file: Path) -> None:
+    assert Subject.of(FrameTask(frame_file, "box", 0), 0, CameraModel.KINECT).fitted is not None
+    assert Subject.of(MeshTask(frame_file.parent / "box.obj", 0), 0, CameraModel.KINECT).fitted is None
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"no real frames at {REAL}; set PRETOUCH_SHARED")
+def test_real_depth_is_biased_by_millimetres() -> None:
+    (path,) = frames_in(REAL, ["0003_000138"])
+    for thing in load_frame(path).objects:
+        case = frame_case(load_frame(path), thing.name, seed=0)
+        error = replace(case, truth=fitted_truth(case)).error(case.truth)
+        assert 0 < error < 0.008
