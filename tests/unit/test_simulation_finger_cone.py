@@ -192,6 +192,7 @@ def test_random_fingers_differ_and_state_only_what_a_user_knows() -> None:
 def test_cones_state_the_same_and_differ() -> None:
     fingers = [cone_finger(seed) for seed in SEEDS]
     assert {stated(finger.sensor) for finger in fingers} == {stated(cone.SENSOR)}
+    assert {finger.response.estimator for finger in fingers} == set(Estimator)
     assert len({finger.response for finger in fingers}) == len(fingers)
 
 

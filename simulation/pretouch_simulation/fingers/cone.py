@@ -9,7 +9,7 @@ import numpy as np
 
 from pretouch.tof import Sensor
 from pretouch_simulation.fingers.cone_finger import ConeFinger, Errors
-from pretouch_simulation.fingers.cone_response import ConeResponse, Reflectances
+from pretouch_simulation.fingers.cone_response import ConeResponse, Estimator, Reflectances
 from pretouch_simulation.fingers.range_curve import RangeCurve
 from pretouch_simulation.fingers.spot import Spot
 
@@ -20,6 +20,8 @@ WIDTH = (0.8, 1.25)
 """The true half angle over the stated one."""
 NEARNESS = (0.007, 0.014)
 """m."""
+MEAN_SHARE = 0.5
+"""Share of fingers that read the mean; the others seek the first or the strongest peak."""
 BIAS = 0.0007
 """m."""
 GAIN = 0.005
@@ -31,8 +33,10 @@ DARKEST = 0.25
 
 def draw_cone(rng: np.random.Generator) -> ConeFinger:
     """A finger of the family."""
-    half_angle = SENSOR.beam_half_angle * rng.uniform(*WIDTH)
+    half_angle = SENSOR.beam_half_angle * float(rng.uniform(*WIDTH))
     nearness = float(np.exp(rng.uniform(*np.log(NEARNESS))))
+    peaks = (1 - MEAN_SHARE) / 2
+    estimator = Estimator(rng.choice([*Estimator], p=[MEAN_SHARE, peaks, peaks]))
     errors = Errors(
         noise=0.0015,
         bias=BIAS,
@@ -43,10 +47,5 @@ def draw_cone(rng: np.random.Generator) -> ConeFinger:
         flagged=0.01,
         outliers=0.003,
     )
-    reflectances = Reflectances(*_bright(rng))
-    return ConeFinger(SENSOR, ConeResponse(Spot(half_angle), nearness), errors, reflectances)
-
-
-def _bright(rng: np.random.Generator) -> tuple[float, tuple[float, ...]]:
-    table, *bodies = np.exp(rng.uniform(np.log(DARKEST), 0.0, 9)).tolist()
-    return table, tuple(bodies)
+    reflectances = Reflectances.drawn(DARKEST, rng)
+    return ConeFinger(SENSOR, ConeResponse(Spot(half_angle), nearness, estimator), errors, reflectances)

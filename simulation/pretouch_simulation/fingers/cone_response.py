@@ -49,6 +49,12 @@ class Reflectances:
     table: float = 1.0
     bodies: tuple[float, ...] = (1.0,)
 
+    @staticmethod
+    def drawn(darkest: float, rng: np.random.Generator) -> Reflectances:
+        """Log-uniform from `darkest` to 1, for the table and for eight bodies."""
+        table, *bodies = np.exp(rng.uniform(np.log(darkest), 0.0, 9)).tolist()
+        return Reflectances(table, tuple(bodies))
+
     def of(self, bodies: NDArray[np.int64]) -> Array:
         """(n,) for the bodies (n,) that `World.trace` says were met."""
         cycle = np.array(self.bodies)

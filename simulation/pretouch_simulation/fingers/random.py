@@ -59,8 +59,7 @@ def draw_random(rng: np.random.Generator) -> ConeFinger:
         range_std=errors.noise * float(MISSTATED ** rng.uniform(-1, 1)),
         beam_half_angle=stated_half_angle,
     )
-    table, *bodies = np.exp(rng.uniform(np.log(DARKEST), 0.0, 9)).tolist()
-    return ConeFinger(sensor, response, errors, Reflectances(table, tuple(bodies)))
+    return ConeFinger(sensor, response, errors, Reflectances.drawn(DARKEST, rng))
 
 
 def _response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
