@@ -43,6 +43,7 @@ class Protocol:
         leader: the engine by whose estimates the scans are planned, so that all engines are given the same ones;
             None: the whole loop runs on `engine`.
         camera: of views of meshes.
+        tip: how low it is planned.
     """
 
     scans: int

@@ -147,7 +147,7 @@ class Run:
         return RunKey(self.mesh, self.view, self.engine, self.sensor, self.camera, self.frame)
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        return {**asdict(self), "rows": [row.as_dict() for row in self.rows]}
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Run:

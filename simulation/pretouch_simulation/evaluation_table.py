@@ -77,7 +77,8 @@ def by_object(runs: Sequence[Run], scans: int) -> Table:
 def honesty_table(runs: Sequence[Run], scans: Sequence[int]) -> Table:
     """A line for each setup and number of scans: the share of truths in the stated regions.
 
-    `hardest`: of the quarter of the runs with the largest error. `sure, wrong`: the error is above 1.5 cm while less than 0.5 cm is expected.
+    `hardest`: of the quarter of the runs with the largest error. `sure, wrong`: the error is above 1.5 cm while less
+    than 0.5 cm is expected.
     """
     told = _varied(runs)
     lines = [

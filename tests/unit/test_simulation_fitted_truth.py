@@ -9,14 +9,14 @@ import pytest
 from made_frame import write_frame
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.evaluation import Subject
-from pretouch_simulation.evaluation_tasks import FrameTask, MeshTask
+from pretouch_simulation.evaluation_tasks import FrameTask, MeshTask, frame_tasks
 from pretouch_simulation.fitted_truth import TURN_STD, fitted_truth
 from pretouch_simulation.frame_folder import frames_in
 from pretouch_simulation.frames import frame_case, load_frame
 from pretouch_simulation.protocol import Case
 
 from pretouch.camera import DepthImage
-from pretouch.geometry import Pose, rotation_from_vector, vector_from_rotation
+from pretouch.geometry import vector_from_rotation
 
 SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).parents[3] / "shared"))
 REAL = SHARED / "data" / "real_depth" / "ycb_video"
@@ -43,22 +43,13 @@ def test_a_depth_bias_is_found(frame_file: Path, name: str) -> None:
     axis = (moved.truth @ moved.base_T_camera).rotation[:, 2]
     shift = fitted.truth.apply(moved.cloud).mean(axis=0) - moved.truth.apply(moved.cloud).mean(axis=0)
     np.testing.assert_allclose(shift, -0.004 * axis, atol=0.0008)
-    assert fitted.error(unbiased) < 0.001
-    assert fitted.error(moved.truth) > 0.003
+    assert fitted.error(moved.truth) == pytest.approx(0.004, abs=0.0008)
 
 
 def test_round_things_do_not_turn_about_their_axis(frame_file: Path) -> None:
     case = frame_case(load_frame(frame_file), "can", seed=0)
     turn = vector_from_rotation((fitted_truth(biased(case, 0.004)) @ case.truth.inverse()).rotation)
     assert abs(turn[2]) < 0.1 * TURN_STD
-
-
-def test_what_the_shape_holds_is_turned_back(frame_file: Path) -> None:
-    case = frame_case(load_frame(frame_file), "box", seed=0)
-    centre = case.truth.apply(case.cloud).mean(axis=0)
-    turn = rotation_from_vector([0.02, 0.0, 0.03])
-    off = Pose.of(turn, centre - turn @ centre) @ case.truth
-    assert case.error(off) > 2 * case.error(fitted_truth(replace(case, truth=off)))
 
 
 def test_only_frames_are_fitted(frame_file: Path) -> None:
@@ -68,8 +59,7 @@ def test_only_frames_are_fitted(frame_file: Path) -> None:
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"no real frames at {REAL}; set PRETOUCH_SHARED")
 def test_real_depth_is_biased_by_millimetres() -> None:
-    (path,) = frames_in(REAL, ["0003_000138"])
-    for thing in load_frame(path).objects:
-        case = frame_case(load_frame(path), thing.name, seed=0)
-        error = replace(case, truth=fitted_truth(case)).error(case.truth)
-        assert 0 < error < 0.008
+    for task in frame_tasks(frames_in(REAL, ["0000_000001", "0003_000138"]), [0]):
+        subject = Subject.of(task, 0, CameraModel.KINECT)
+        assert subject.fitted is not None
+        assert 0 < subject.fitted.error(subject.case.truth) < 0.008
