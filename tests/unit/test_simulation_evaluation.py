@@ -28,7 +28,7 @@ def detail_of(distance2: float) -> Detail:
     return Detail((0.1,) * 6, (0.5,) * 6, distance2, 0.008, "translation along the vertical of the table", 90, 60)
 
 
-def run_of(mesh: str, view: int, *errors: float, initial: float = 0.02, engine: str = "map") -> Run:
+def run_of(mesh: str, view: int, *errors: float, initial: float = 0.02, engine: str = "point_to_plane") -> Run:
     rows = [
         Row(
             mesh,
@@ -83,8 +83,8 @@ def test_the_table_by_engine_has_a_line_for_each_engine_and_scan() -> None:
     other = [run_of("mug", 0, 0.002, engine="paper"), Run("mug", 1, "paper", "ideal", None, problem="broken")]
     lines = text_of(by_engine([*RUNS, *other], 2))
     assert [line[:4] for line in lines] == [
-        ["map", "ideal", "1", "3"],
-        ["map", "ideal", "2", "3"],
+        ["point_to_plane", "ideal", "1", "3"],
+        ["point_to_plane", "ideal", "2", "3"],
         ["paper", "ideal", "1", "1"],
         ["paper", "ideal", "2", "1"],
     ]
@@ -158,7 +158,7 @@ def test_partial_results_of_other_settings_are_not_mixed_in(tmp_path: Path) -> N
 def test_another_engine_is_added_to_what_is_there(tmp_path: Path) -> None:
     PartialResults(tmp_path / "out.json", PROTOCOL).add(RUNS[0])
     again = PartialResults(tmp_path / "out.json", replace(PROTOCOL, engine=Engine.PAPER, sensor=FingerModel.VL6180X))
-    assert again.runs == {("mug", 0, "map", "ideal"): RUNS[0]}
+    assert again.runs == {("mug", 0, "point_to_plane", "ideal"): RUNS[0]}
 
 
 def test_meshes_are_chosen_by_name_and_number(tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ def run_of(mesh: str, view: int, engine: str, sensor: str, *errors: float) -> Ru
 
 
 RUNS = [
-    run_of("mug", 0, "map", "ideal", 0.010, 0.004),
-    run_of("mug", 1, "map", "ideal", 0.006, 0.002),
-    run_of("box", 0, "map", "ideal", 0.010, 0.010),
+    run_of("mug", 0, "point_to_plane", "ideal", 0.010, 0.004),
+    run_of("mug", 1, "point_to_plane", "ideal", 0.006, 0.002),
+    run_of("box", 0, "point_to_plane", "ideal", 0.010, 0.010),
     run_of("mug", 0, "posterior", "ideal", 0.005, 0.001),
     run_of("mug", 1, "posterior", "ideal", 0.005, 0.001),
     run_of("box", 0, "posterior", "ideal", 0.011, 0.012),
@@ -29,7 +29,7 @@ def test_engines_stand_under_each_other_by_sensor_and_scans() -> None:
     assert len({len(line) for line in lines}) == 1
     assert [line[:5] for line in lines[2:]] == [
         ["ideal", "", "0", "3", "2.00"],
-        ["ideal", "map", "2", "3", "0.53"],
+        ["ideal", "point_to_plane", "2", "3", "0.53"],
         ["ideal", "posterior", "2", "3", "0.47"],
         ["vl6180x", "", "0", "1", "2.00"],
         ["vl6180x", "posterior", "2", "1", "1.20"],
@@ -37,9 +37,9 @@ def test_engines_stand_under_each_other_by_sensor_and_scans() -> None:
 
 
 def test_only_pairs_that_are_lost_are_listed() -> None:
-    pairs = compared(RUNS, 2, "posterior", "map")
+    pairs = compared(RUNS, 2, "posterior", "point_to_plane")
     assert [(pair.mesh, pair.sensor, pair.n) for pair in pairs] == [("box", "ideal", 1), ("mug", "ideal", 2)]
-    table = comparison_table(pairs, "posterior", "map")
-    assert table.startswith("`posterior` is worse than `map` on 1 of 2 pairs")
+    table = comparison_table(pairs, "posterior", "point_to_plane")
+    assert table.startswith("`posterior` is worse than `point_to_plane` on 1 of 2 pairs")
     assert "| box | ideal | 1 | 1.20 | 1.00 | 0.20 |" in table
     assert "mug" not in table

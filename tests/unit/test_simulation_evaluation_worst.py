@@ -45,11 +45,11 @@ def steps(case: Case) -> list[Step]:
 def run_of(mesh: str, *errors: float) -> Run:
     costs = (0.1, 5.0, 40.0)
     rows = [
-        Row(mesh, 0, k, "random", "map", "information", "ideal", 0.02, error, 0.005, True, *costs)
+        Row(mesh, 0, k, "random", "point_to_plane", "information", "ideal", 0.02, error, 0.005, True, *costs)
         for k, error in enumerate(errors, start=1)
     ]
     detail = Detail((0.0,) * 6, (1.0,) * 6, 6.0, 0.01, "", 100, 50)
-    return Run(mesh, 0, "map", "ideal", 0.02, tuple(rows), (detail,) * len(rows))
+    return Run(mesh, 0, "point_to_plane", "ideal", 0.02, tuple(rows), (detail,) * len(rows))
 
 
 def test_the_worst_come_first_and_runs_without_scans_do_not_count() -> None:

@@ -8,6 +8,7 @@ from numba import njit
 from pretouch.geometry import Array
 from pretouch_registrar.engines import so3
 from pretouch_registrar.engines.camera_model import OBJECT
+from pretouch_registrar.engines.compiled import NO_REFERENCES
 from pretouch_registrar.engines.correction import Vector, carried_back, turned_back
 from pretouch_registrar.engines.problem import Problem, Target
 from pretouch_registrar.engines.projection import pixel_of, project
@@ -39,7 +40,7 @@ def _cast(truths: Array, origins: Array, directions: Array, range_min: float, ta
     return result
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@njit(cache=True, nogil=True, **NO_REFERENCES)
 def _path(origin: Vector, direction: Vector, range_min: float, target: Target) -> float:
     """m: the range of one beam, given where the camera would have put it."""
     table, kinds, surface = target.table, target.pixels.kinds, target.pixels.surface
@@ -52,11 +53,11 @@ def _path(origin: Vector, direction: Vector, range_min: float, target: Target) -
             return travelled
         u, v, depth = project((p0, p1, p2), target.optics)
         i, j = pixel_of(u, v)
-        if depth > 0 and i >= 0 and j >= 0 and i < kinds.shape[0] and j < kinds.shape[1]:
-            if kinds[i, j] == OBJECT:
-                normal = surface.normals[i, j]
-                behind = normal[0] * p0 + normal[1] * p1 + normal[2] * p2 - surface.offsets[i, j]
-                if -_REACH < behind <= 0:
-                    return travelled
+        inside = depth > 0 and i >= 0 and j >= 0 and i < kinds.shape[0] and j < kinds.shape[1]
+        if inside and kinds[i, j] == OBJECT:
+            normal = surface.normals[i, j]
+            behind = normal[0] * p0 + normal[1] * p1 + normal[2] * p2 - surface.offsets[i, j]
+            if -_REACH < behind <= 0:
+                return travelled
         travelled += _PACE
     return np.inf

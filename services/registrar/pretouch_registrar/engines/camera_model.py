@@ -70,7 +70,7 @@ class Pixels(NamedTuple):
 
 
 class Footprint(NamedTuple):
-    """The object seen from above, in cells (nx, ny) of side CELL in the table's plane; all of them float32.
+    """The object seen from above, in float32 cells (nx, ny) of side CELL in the table's plane.
 
     Attributes:
         top: m above the table, of the highest point seen; below 0 where there is none.
@@ -79,8 +79,8 @@ class Footprint(NamedTuple):
         low, high: m above the table, the lowest and the highest that the surface can be here, equal where it was seen.
         facing: cosine of its slope.
         nearby: m above the table, the highest that it can be nearby.
-        x_axis, y_axis: (3,) the table's axes in base; float64, as is
-        corner: (2,), m along them, where the first cell begins.
+        x_axis, y_axis: (3,) float64, unit, the table's axes in base.
+        corner: (2,) float64, m along them, where the first cell begins.
     """
 
     top: NDArray[np.float32]
@@ -119,23 +119,24 @@ def build(scene: Scene) -> CameraModel:
     depth, normals = _fit_planes(metres, solid, camera.fx, camera.fy, camera.cx, camera.cy, steps, stride, _FIT_BAND)
     points = scene.base_T_camera.apply(camera.organised(depth))
     normals = scene.base_T_camera.rotate(normals)
-    surface = Surface(normals, np.einsum("ijk,ijk->ij", normals, points), points)
+    offsets = np.einsum("ijk,ijk->ij", normals, points)
     distance, nearest = _nearest(mask)
     own = kind == OTHER
     nearest[:, own], distance[own] = np.indices(mask.shape)[:, own], 0.0
     layers = _front_layers(metres, mask, round(_LAYER_REACH * px_per_m))
     pixels = Pixels(
-        _taken(surface, nearest),
-        _taken(surface, _nearest(layers)[1]) if layers.any() else _nowhere(mask.shape),
+        _taken(normals, offsets, points, nearest),
+        _taken(normals, offsets, points, _nearest(layers)[1]) if layers.any() else _nowhere(mask.shape),
         _single(distance),
         np.ascontiguousarray(kind, dtype=np.int8),
     )
     return CameraModel(scene, pixels, _footprint(scene, points[mask], metres, kind))
 
 
-def _taken(surface: Surface, nearest: NDArray[np.int32]) -> Surface:
-    """The surface of the pixels (v, u) (2, h, w)."""
-    return Surface(*(_single(each[tuple(nearest)]) for each in surface))
+def _taken(normals: Array, offsets: Array, points: Array, nearest: NDArray[np.int32]) -> Surface:
+    """That of the pixels (v, u) (2, h, w) in each pixel's place."""
+    v, u = nearest
+    return Surface(_single(normals[v, u]), _single(offsets[v, u]), _single(points[v, u]))
 
 
 def _nowhere(shape: tuple[int, ...]) -> Surface:
@@ -180,8 +181,19 @@ def _footprint(scene: Scene, points: Array, metres: Array, kind: NDArray[np.int6
     slope = np.hypot(*np.gradient(smooth, CELL))
     facing = 1.0 / np.sqrt(1.0 + slope**2)
     nearby = ndimage.maximum_filter(high, size=2 * _CONE + 1)
-    cells_of = (top, inside * CELL, *outward, low, high, facing, nearby)
-    return Footprint(*(_single(each) for each in cells_of), axes[:, 0].copy(), axes[:, 1].copy(), corner)
+    return Footprint(
+        _single(top),
+        _single(inside * CELL),
+        _single(outward[0]),
+        _single(outward[1]),
+        _single(low),
+        _single(high),
+        _single(facing),
+        _single(nearby),
+        axes[:, 0].copy(),
+        axes[:, 1].copy(),
+        corner,
+    )
 
 
 def _upper_mean(top: Array, cells: NDArray[np.int64], heights: Array) -> Array:

@@ -86,7 +86,8 @@ def covariance_after(
         hessian = (turn * np.maximum(values, 0.0)) @ turn.T / temperature
         whiten = np.linalg.inv(root)
         covariance = np.linalg.inv(whiten.T @ hessian @ whiten + precision)
-    return covariance
+    result: Array = covariance.astype(np.float64)
+    return result
 
 
 def _inverse(matrix: Array) -> Array:

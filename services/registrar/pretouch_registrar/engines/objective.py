@@ -11,6 +11,7 @@ from numba import njit
 
 from pretouch.geometry import Array
 from pretouch_registrar.engines import so3
+from pretouch_registrar.engines.compiled import NO_REFERENCES
 from pretouch_registrar.engines.correction import by_correction, carried_back, turned_back
 from pretouch_registrar.engines.prior import prior_cost
 from pretouch_registrar.engines.problem import Problem
@@ -30,7 +31,7 @@ def total_cost(x: Array, problem: Problem) -> float:
     return _summed(x, so3.exp(x[:3]), problem, PointResiduals(np.zeros(3), np.zeros((3, 3))))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", _nrt=False)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
 def _summed(x: Array, r: Array, problem: Problem, out: PointResiduals) -> float:
     """`total_cost` of x (6,), with r = exp(w) (3, 3), without allocation; `out` is room for a residual."""
     beams, target, noise, rays = problem.beams, problem.target, problem.noise, problem.rays
@@ -88,7 +89,7 @@ def normal_equations(x: Array, problem: Problem) -> tuple[Array, Array, float]:
     return information, gradient, cost
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", _nrt=False)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
 def _fill(
     x: Array, r: Array, problem: Problem, out: PointResiduals, row: Array, information: Array, gradient: Array
 ) -> float:

@@ -1,4 +1,6 @@
-"""Engine `point_to_plane`: damped point-to-plane ICP, the most probable correction of surface points under the calibration prior.
+"""Engine `point_to_plane`: the most probable correction of surface points under the calibration prior.
+
+By damped point-to-plane ICP.
 
 Each return above the table is matched with the nearest point of the camera's smoothed surface; its distance along that
 point's normal counts, the less the further apart the two are (Geman-McClure weights). Gauss-Newton steps with the
@@ -50,9 +52,9 @@ _OVERCONFIDENCE = 5.0
 
 
 class Planes(NamedTuple):
-    """A target whose points know their normals: `index` of m points, and `normals` (m, 3) in its order."""
+    """A target whose points know their normals: the index of m points, and normals (m, 3) in its order."""
 
-    index: Index
+    target: Index
     normals: Array
 
 
@@ -141,7 +143,7 @@ def _pair(r: Array, x: Array, centroid: Array, matched: _Matched, planes: Planes
     carried = matched.carried
     for i in range(carried.shape[0]):
         carried[i, 0], carried[i, 1], carried[i, 2] = carried_back(x, r, centroid, matched.points, i)
-    find(carried, planes.index, MAX_DISTANCE, matched.pairs)
+    find(carried, planes.target, MAX_DISTANCE, matched.pairs)
 
 
 @njit(cache=True, nogil=True)
@@ -150,7 +152,7 @@ def _equations(
     information: Array, gradient: Array,
 ) -> None:  # fmt: skip
     """Fills the information (6, 6) and gradient (6,) of a Gauss-Newton step, robust weights frozen, without a prior."""
-    source, carried, points, normals = matched.points, matched.carried, planes.index.points, planes.normals
+    source, carried, points, normals = matched.points, matched.carried, planes.target.points, planes.normals
     information[:] = 0.0
     gradient[:] = 0.0
     row = np.empty(6)

@@ -1,4 +1,4 @@
-"""The prior of a correction's components: flat up to a wall, since calibration errors are bounded rather than normal."""
+"""The prior of a correction's components: flat up to a wall, as calibration errors are bounded, not normal."""
 
 from __future__ import annotations
 

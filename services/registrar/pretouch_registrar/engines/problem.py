@@ -136,8 +136,15 @@ class Problem(NamedTuple):
     def thinned(self, most: int) -> Problem:
         """The same with at most `most` of the beams, evenly in their order, which count for the others."""
         step = max(1, -(-len(self.beams.weights) // most))
-        beams = Beams(*(np.ascontiguousarray(each[::step]) for each in self.beams))
-        return self._replace(beams=beams._replace(weights=beams.weights * step))
+        b, one_in = self.beams, slice(None, None, step)
+        kept = Beams(
+            np.ascontiguousarray(b.points[one_in]),
+            np.ascontiguousarray(b.directions[one_in]),
+            np.ascontiguousarray(b.returned[one_in]),
+            b.weights[one_in] * step,
+            np.ascontiguousarray(b.ranges[one_in]),
+        )
+        return self._replace(beams=kept)
 
 
 def beams_of(scans: Sequence[Scan], sensor: Sensor) -> Beams:

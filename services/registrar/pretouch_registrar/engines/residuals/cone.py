@@ -14,6 +14,7 @@ from numba import njit
 
 from pretouch.geometry import Array
 from pretouch_registrar.engines.camera_model import CELL
+from pretouch_registrar.engines.compiled import NO_REFERENCES
 from pretouch_registrar.engines.correction import Vector
 from pretouch_registrar.engines.problem import Noise, Target
 from pretouch_registrar.engines.rays import Rays
@@ -31,7 +32,7 @@ _SHIFT, _TURN = 0.001, 0.012
 """m and rad: steps of the differences that stand for a wide beam's derivatives."""
 
 
-@njit(cache=True, nogil=True, fastmath=True, _nrt=False)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
 def mean_range(
     origin: Vector, direction: Vector, farthest: float, rays: Rays, target: Target
 ) -> tuple[float, float, float]:
@@ -111,7 +112,7 @@ def mean_range(
     return sum_near / weight_near * scale, mean * scale, spread
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", _nrt=False)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
 def cone_residual(
     end: Vector, direction: Vector, returned: bool, measured: float, target: Target, noise: Noise, rays: Rays
 ) -> tuple[float, float, float]:

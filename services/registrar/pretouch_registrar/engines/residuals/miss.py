@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
+from pretouch_registrar.engines.compiled import NO_REFERENCES
 from pretouch_registrar.engines.correction import Vector
 from pretouch_registrar.engines.problem import Noise, Target
 from pretouch_registrar.engines.projection import cell_of, height_above
@@ -14,7 +15,7 @@ _PACE = 0.01
 """m along the beam between two looks."""
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", _nrt=False)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
 def miss_cost(start: Vector, direction: Vector, target: Target, noise: Noise) -> float:
     """What a beam from `start`, where the camera would have put it, pays: as a point below a seen part would."""
     x, y, z = start

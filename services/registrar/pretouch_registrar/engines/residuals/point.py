@@ -22,6 +22,7 @@ from numba import njit
 
 from pretouch.geometry import Array
 from pretouch_registrar.engines.camera_model import NOWHERE, OBJECT, OTHER, UNSEEN, Footprint, Surface
+from pretouch_registrar.engines.compiled import NO_REFERENCES
 from pretouch_registrar.engines.correction import Vector
 from pretouch_registrar.engines.problem import Noise, Table, Target
 from pretouch_registrar.engines.projection import height_above, pixel_of, project
@@ -105,7 +106,7 @@ def _explain_by_table(height: float, table: Table, std: float, out: PointResidua
         out.gradients[NORMAL, k] = table.normal[k] / std
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", _nrt=False)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
 def point_residual(
     point: Vector, direction: Vector, target: Target, noise: Noise, out: PointResiduals
 ) -> tuple[float, float]:
