@@ -30,7 +30,7 @@ from matplotlib.figure import Figure
 from pretouch_detector.proposals.random import drawn
 from pretouch_detector.training.trials import NOISE, offsets, view_of
 from pretouch_registrar.engines import camera_model
-from pretouch_registrar.engines.batch import Matching, Trials, best, scores
+from pretouch_registrar.engines.label_trials import Matching, Trials, best, scores
 from pretouch_simulation.labels.task import tasks_of
 from pretouch_simulation.labels.view import view_of as seen_by_a_session
 from pretouch_simulation.mesh_folder import meshes_in
@@ -44,7 +44,7 @@ from pretouch.geometry import Array, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 
-ENGINES = (Matching.PAPER, Matching.MAP, Matching.PCL)
+ENGINES = (Matching.PAPER, Matching.POINT_TO_PLANE, Matching.PCL)
 RECTANGLES, TRIALS = (125, 250, 500, 1000, 2000), (2, 5, 10, 20, 40)
 FIXED_RECTANGLES = 250
 """Rectangles while trials or the image grow."""

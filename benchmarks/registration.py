@@ -4,8 +4,8 @@
 
 Timed is the match from points in memory to a motion, the median of the repeats for each case; ratios are of means over
 the cases. PCL, Open3D and our kernels build the target's search structure each time; those marked `prepared` find it
-ready, as in a service that knows the image. The engines `map` and `posterior` match the same source with all that the
-camera saw of the object, from a model that is built once an image, whose time is given apart.
+ready, as in a service that knows the image. The engines `point_to_plane` and `posterior` match the same source with all
+that the camera saw of the object, from a model that is built once an image, whose time is given apart.
 A peer that is not installed is named and left out.
 """
 
@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_registrar.engines import SOLVERS, Engine, camera_model, icp, pcl
-from pretouch_registrar.engines import map as most_probable
+from pretouch_registrar.engines import SOLVERS, Engine, camera_model, icp, pcl, point_to_plane
 from pretouch_registrar.engines.neighbours import Index, index_of
 from pretouch_registrar.engines.problem import pose_problem
+from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.solution import pose_of
 
 from benchmarks import registration_peers as peers
@@ -36,7 +36,7 @@ from pretouch.geometry import Array, Pose
 from pretouch.tof import Scan, Sensor
 
 REFERENCE = "PCL ICP + VarTrimmed"
-PLANE = ("point-to-plane", "PLANE_ICP", "GICP", "map", "posterior")
+PLANE = ("point-to-plane", "PLANE_ICP", "GICP", "point_to_plane", "posterior")
 """Words in the names of methods that know normals; the others match points with points."""
 _PLANE_NOISE = 0.0025
 
@@ -59,7 +59,7 @@ def measure(cases: list[RegistrationCase], repeats: int, pcl_folder: Path) -> di
                 skipped.append(str(missing))
                 print(f"skipped  {missing}", flush=True)
     theirs = set(results)
-    for name, prepare in _ours().items():
+    for name, prepare in _ours(Resources()).items():
         prepare(cases[0])()
         answers = [peers.timed(prepare(case), repeats) for case in cases]
         results[name] = (np.array([seconds for seconds, _ in answers]), np.array([match for _, match in answers]))
@@ -72,7 +72,7 @@ def measure(cases: list[RegistrationCase], repeats: int, pcl_folder: Path) -> di
     return {"rows": rows, "skipped": skipped, "model_build_ms": _model_build(cases)}
 
 
-def _ours() -> dict[str, Callable[[RegistrationCase], Callable[[], Array]]]:
+def _ours(resources: Resources) -> dict[str, Callable[[RegistrationCase], Callable[[], Array]]]:
     def points(name: str, prepared: bool) -> Callable[[RegistrationCase], Callable[[], Array]]:
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
             target = case.target.astype(np.float32).astype(np.float64) if name == "pcl" else case.target
@@ -95,14 +95,14 @@ def _ours() -> dict[str, Callable[[RegistrationCase], Callable[[], Array]]]:
         prior = np.array([Prior().rotation_std ** -2.0] * 3 + [Prior().translation_std ** -2.0] * 3)
 
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
-            known = most_probable.surface_of(case.target, case.normals)
+            known = point_to_plane.planes_of(case.target, case.normals)
             centroid = case.model.scene.centroid
             shares = np.ones(len(case.source))
 
             def match() -> Array:
-                index, normals = known if prepared else most_probable.surface_of(case.target, case.normals)
+                planes = known if prepared else point_to_plane.planes_of(case.target, case.normals)
                 x = np.zeros(6)
-                most_probable.match(case.source, shares, index, normals, centroid, prior, _PLANE_NOISE, x)
+                point_to_plane.match(case.source, shares, planes, centroid, prior, _PLANE_NOISE, x)
                 return pose_of(x, centroid).inverse().matrix
 
             return match
@@ -113,14 +113,15 @@ def _ours() -> dict[str, Callable[[RegistrationCase], Callable[[], Array]]]:
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
             scan = Scan.of_points(case.source, -case.model.scene.table.normal)
             problem = pose_problem(case.model, [scan], Prior(), Sensor())
-            SOLVERS[name](problem)
-            return lambda: pose_of(SOLVERS[name](problem).x, problem.centroid).inverse().matrix
+            SOLVERS[name](problem, case.model, resources)
+            centroid = problem.target.centroid
+            return lambda: pose_of(SOLVERS[name](problem, case.model, resources).x, centroid).inverse().matrix
 
         return prepare
 
     kernels = {f"ours {name}": points(name, False) for name in ("point-to-point", "paper", "pcl")}
     kernels |= {f"ours {name} (prepared)": points(name, True) for name in ("point-to-point", "paper", "pcl")}
-    kernels |= {"ours map": planes(False), "ours map (prepared)": planes(True)}
+    kernels |= {"ours point_to_plane": planes(False), "ours point_to_plane (prepared)": planes(True)}
     return kernels | {f"engine {name.value}": engine(name) for name in Engine}
 
 

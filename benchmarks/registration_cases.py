@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from pretouch_detector.proposals.random import candidates
 from pretouch_registrar.engines import camera_model
-from pretouch_registrar.engines.camera_model import PLANE, CameraModel
+from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_simulation.mesh import Mesh, load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.objects import MAKERS
@@ -92,7 +92,7 @@ def _of_view(name: str, mesh: Mesh, view: int, seed: int) -> list[RegistrationCa
     model = camera_model.build(scene)
     rng = generator("registration benchmark", seed, name, view)
     v, u = np.nonzero(scene.mask)
-    normals = model.pixels[scene.mask][:, PLANE : PLANE + 3].astype(np.float64)
+    normals = model.pixels.surface.normals[scene.mask].astype(np.float64)
     true_cloud = case.truth.apply(scene.cloud)
     seen_at = scene.camera.project(scene.base_T_camera.inverse().apply(true_cloud))
     cases = []

@@ -17,8 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from pretouch_registrar.engines import icp, pcl
-from pretouch_registrar.engines import map as most_probable
+from pretouch_registrar.engines import icp, pcl, point_to_plane
 from pretouch_registrar.engines.neighbours import index_of, thinned
 
 from pretouch.estimate import Prior
@@ -52,17 +51,17 @@ def _pcl(source: Array, target: Array, _: Array) -> None:
     pcl.align(source, target)
 
 
-def _map(source: Array, target: Array, normals: Array) -> None:
-    index, ordered = most_probable.surface_of(target, normals)
+def _point_to_plane(source: Array, target: Array, normals: Array) -> None:
+    planes = point_to_plane.planes_of(target, normals)
     prior = np.array([Prior().rotation_std ** -2.0] * 3 + [Prior().translation_std ** -2.0] * 3)
-    most_probable.match(source, np.ones(len(source)), index, ordered, np.zeros(3), prior, _PLANE_NOISE, np.zeros(6))
+    point_to_plane.match(source, np.ones(len(source)), planes, np.zeros(3), prior, _PLANE_NOISE, np.zeros(6))
 
 
 METHODS: dict[str, Callable[[Array, Array, Array], None]] = {
     "point-to-point": _point(False),
     "paper": _point(True),
     "pcl": _pcl,
-    "map": _map,
+    "point_to_plane": _point_to_plane,
 }
 
 

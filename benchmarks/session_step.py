@@ -13,6 +13,7 @@ import numpy as np
 import psutil
 from pretouch_orchestrator.loop import Loop
 from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Registrar
 from pretouch_registrar.warm_up import warm_up
 from pretouch_simulation.demo import request_for
 from pretouch_simulation.fingers.thin_beam import ThinBeam
@@ -34,8 +35,9 @@ def measure() -> dict[str, float]:
     with Services() as services:
         served = np.concatenate([_served(services.rest, case) for case in cases])
         memory = _memory()
-    warm_up()
-    local = np.concatenate([asyncio.run(_in_process(case)) for case in cases])
+    registrar = Registrar()
+    warm_up(registrar)
+    local = np.concatenate([asyncio.run(_in_process(case, registrar)) for case in cases])
     figures = {"steps": float(len(served))}
     for name, seconds in (("services", served), ("in process", local)):
         for quantile in (50, 95):
@@ -57,9 +59,9 @@ def _served(url: str, case: Case) -> list[float]:
     return steps
 
 
-async def _in_process(case: Case) -> list[float]:
+async def _in_process(case: Case, registrar: Registrar) -> list[float]:
     execute, steps = direct_finger(case, _FINGER), []
-    loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.POSTERIOR))
+    loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.POSTERIOR, registrar))
     record = await loop.open("benchmark", 0.0, request_for(case, _FINGER.sensor), case.depth, case.mask)
     while record.next_scan is not None:
         _, samples = execute(record.next_scan)

@@ -20,7 +20,7 @@ from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_detector.spread import spread
 from pretouch_detector.training import trials
 from pretouch_registrar.engines import Engine
-from pretouch_registrar.registration import Settings, register
+from pretouch_registrar.registration import Registrar, Settings
 from pretouch_simulation.finger import FingerModel, realise
 from pretouch_simulation.frames import frame_case, load_frame
 from pretouch_simulation.labels import scans
@@ -242,5 +242,5 @@ def _cut_error(view: LabelView, rectangle: RotatedRectangle, truth: Pose, rng: n
     scene = view.scene
     points = cut(view.case, truth.apply(scene.cloud), rectangle.shifted(*view.origin), rng)
     scan = Scan.of_points(points, -scene.table.normal)
-    estimate = register(scene, [scan], Settings(Engine.PAPER))
+    estimate = Registrar().register(scene, [scan], Settings(Engine.PAPER))
     return scans.mean_error(scene.cloud, truth, estimate.base_T_correction)

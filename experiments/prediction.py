@@ -25,7 +25,7 @@ import numpy as np
 from pretouch_orchestrator.loop import Loop
 from pretouch_orchestrator.path import plan_paths
 from pretouch_registrar.engines import Engine
-from pretouch_registrar.registration import Settings, predict, register
+from pretouch_registrar.registration import Registrar, Settings
 from pretouch_simulation.fingers.thin_beam import ThinBeam
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.labels.view import LabelView
@@ -164,7 +164,7 @@ def view_of(case: Case, candidates: int) -> View | None:
         proposer=Proposer.RANDOM,
         planner=Planner.CONFIDENCE,
     )
-    loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.PAPER))
+    loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.PAPER, Registrar()))
     record = asyncio.run(loop.open(case.name, 0.0, request, case.depth, case.mask))
     u0, v0 = record.origin
     rectangles = [region.rectangle.shifted(-u0, -v0) for region in record.regions]
@@ -183,18 +183,18 @@ def compare(view: View, stage: int, offsets: int, seed: int) -> Comparison:
     for session in sessions(view, stage, offsets, seed):
         present.append(session.error(session.estimate))
         paths = session.paths()
-        predicted.append(predict(view.scene, session.scans, Settings(), paths))
-        milliseconds.append(_timed(view.scene, session.scans, paths))
+        predicted.append(session.registrar.predict(view.scene, session.scans, Settings(), paths))
+        milliseconds.append(_timed(session, paths))
         achieved.append(session.achieved(paths))
     by_candidate = np.transpose(predicted).tolist(), np.transpose(achieved).tolist()
     return Comparison(view.case.name, stage, present, *by_candidate, milliseconds)
 
 
-def _timed(scene: Scene, scans: Sequence[Scan], paths: Sequence[Trajectory]) -> float:
+def _timed(session: Session, paths: Sequence[Trajectory]) -> float:
     """ms of a prediction for TIMED candidates, its scans registered before."""
     many = [paths[k % len(paths)] for k in range(TIMED)]
     started = time.perf_counter()
-    predict(scene, scans, Settings(), many)
+    session.registrar.predict(session.view.scene, session.scans, Settings(), many)
     return 1000.0 * (time.perf_counter() - started)
 
 
@@ -207,6 +207,7 @@ class Session:
     scans: tuple[Scan, ...]
     estimate: Estimate
     names: tuple[object, ...]
+    registrar: Registrar
 
     def error(self, estimate: Estimate) -> float:
         """m: mean distance of the object's points, as corrected, from their true place."""
@@ -224,7 +225,8 @@ class Session:
         names = (*self.names, *name)
         scan = self.view.seen.scanned(self.truth, path, ThinBeam(), generator(*names))
         scans = (*self.scans, scan)
-        return replace(self, scans=scans, estimate=register(self.view.scene, scans, Settings()), names=names)
+        estimate = self.registrar.register(self.view.scene, scans, Settings())
+        return replace(self, scans=scans, estimate=estimate, names=names)
 
     def achieved(self, paths: Sequence[Trajectory]) -> list[float]:
         """m: the error after each path, were it scanned next."""
@@ -234,10 +236,11 @@ class Session:
 
 def sessions(view: View, stage: int, offsets: int, seed: int) -> Iterable[Session]:
     """A session for each of `offsets` hidden offsets, with the view's first `stage` scans made."""
+    registrar = Registrar()
     for k in range(offsets):
         names = ("prediction", seed, view.case.name, k)
         truth = hidden_offset(view.case.cloud, generator(*names))
-        session = Session(view, truth, (), register(view.scene, (), Settings()), names)
+        session = Session(view, truth, (), registrar.register(view.scene, (), Settings()), names, registrar)
         for rectangle in view.made[:stage]:
             path = plan_paths(view.scene, [rectangle], session.estimate, ScanSettings())[0]
             if path is not None:

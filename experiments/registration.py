@@ -51,7 +51,7 @@ SCANS_TOLD, SCANS_DRAWN, SCANS_FAILED = (0, 1, 2, 3, 5), (1, 2, 4), (1, 3)
 """After how many scans: lines of the tables; lines of the pictures; worst runs."""
 WORST = 5
 SENSORS = (FingerModel.IDEAL, FingerModel.VL6180X)
-PEER = "map"
+PEER = "point_to_plane"
 """The engine that the last one is compared with by object."""
 
 

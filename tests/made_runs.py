@@ -8,7 +8,7 @@ from dataclasses import replace
 from pretouch_simulation.evaluation_rows import Detail, Row, Run, RunKey
 
 DETAIL = Detail((0.1,) * 6, (0.5,) * 6, 4.0, 0.008, "translation along the vertical of the table", 90, 60)
-KEY = RunKey("mug", 0, "map", "ideal", "kinect")
+KEY = RunKey("mug", 0, "point_to_plane", "ideal", "kinect")
 
 
 def run_of(key: RunKey, *errors: float, initial: float = 0.02, distances2: Sequence[float] = ()) -> Run:

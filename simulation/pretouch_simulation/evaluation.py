@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pretouch_orchestrator.loop import Loop
 from pretouch_orchestrator.record import Record
 from pretouch_registrar.engines import Engine
-from pretouch_registrar.registration import Settings, register
+from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Pose
@@ -125,6 +125,7 @@ def run_task(task: Task, protocols: Sequence[Protocol]) -> list[Run]:
     is raised.
     """
     runs: list[Run] = []
+    registrar = Registrar()
     for camera in dict.fromkeys(protocol.camera for protocol in protocols):
         chosen = [protocol for protocol in protocols if protocol.camera is camera]
         try:
@@ -133,14 +134,14 @@ def run_task(task: Task, protocols: Sequence[Protocol]) -> list[Run]:
             runs += [_failed(task, protocol, None, error) for protocol in chosen]
         else:
             led: dict[FingerModel, list[Step]] = {}
-            runs += [_run(subject, protocol, led) for protocol in chosen]
+            runs += [_run(subject, protocol, led, registrar) for protocol in chosen]
     return runs
 
 
-def _run(subject: Subject, protocol: Protocol, led: dict[FingerModel, list[Step]]) -> Run:
+def _run(subject: Subject, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar) -> Run:
     initial = subject.case.error(Pose.identity())
     try:
-        outcomes = _outcomes(subject.case, protocol, led)
+        outcomes = _outcomes(subject.case, protocol, led, registrar)
     except PretouchError as error:
         return _failed(subject.task, protocol, initial, error)
     rows = tuple(_row(subject, protocol, outcome, k, initial) for k, outcome in enumerate(outcomes, start=1))
@@ -149,12 +150,14 @@ def _run(subject: Subject, protocol: Protocol, led: dict[FingerModel, list[Step]
     return Run(**key._asdict(), initial_error=initial, rows=rows, details=details)
 
 
-def _outcomes(case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]]) -> list[Outcome]:
+def _outcomes(
+    case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar
+) -> list[Outcome]:
     if protocol.paper_setting:
         from pretouch_simulation.paper_setting import run_case
 
-        return asyncio.run(run_case(case, protocol))
-    return [step.outcome for step in _steps(case, protocol, led)]
+        return asyncio.run(run_case(case, protocol, registrar))
+    return [step.outcome for step in _steps(case, protocol, led, registrar)]
 
 
 def _failed(task: Task, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
@@ -164,10 +167,10 @@ def _failed(task: Task, protocol: Protocol, initial: float | None, error: Pretou
 
 def warm_up(protocols: Sequence[Protocol]) -> None:
     """Compiles and loads whatever a run needs, so that `compute_ms` does not count it."""
-    case = make_case("warm-up", box(), 0)
+    case, registrar = make_case("warm-up", box(), 0), Registrar()
     for protocol in protocols:
         with suppress(PretouchError):  # a proposer that is not ready is said of every run
-            asyncio.run(_session(case, replace(protocol, scans=1)))
+            asyncio.run(_session(case, replace(protocol, scans=1), registrar))
 
 
 def finger_of(case: Case, protocol: Protocol) -> Finger:
@@ -189,28 +192,30 @@ def request_of(case: Case, protocol: Protocol) -> SessionRequest:
     )
 
 
-def loop_of(protocol: Protocol) -> Loop:
+def loop_of(protocol: Protocol, registrar: Registrar) -> Loop:
     """The orchestrator's own loop over the services' own code."""
-    return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine), protocol.tip.margins)
+    return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine, registrar), protocol.tip.margins)
 
 
 def steps_of(case: Case, protocol: Protocol, upto: int) -> list[Step]:
     """The session on `case` that the protocol's rows are made of, after each of its first `upto` scans at most."""
-    steps = asyncio.run(_session(case, replace(protocol, engine=protocol.leader or protocol.engine), upto))
-    return [_rematched(step, protocol) for step in steps]
+    registrar = Registrar()
+    led = replace(protocol, engine=protocol.leader or protocol.engine)
+    steps = asyncio.run(_session(case, led, registrar, upto))
+    return [_rematched(step, protocol, registrar) for step in steps]
 
 
-def _steps(case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]]) -> list[Step]:
+def _steps(case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar) -> list[Step]:
     """The protocol's session on `case`; `led` keeps the leader's ones, by sensor."""
     if protocol.leader is None:
-        return asyncio.run(_session(case, protocol))
+        return asyncio.run(_session(case, protocol, registrar))
     if protocol.sensor not in led:
-        led[protocol.sensor] = asyncio.run(_session(case, replace(protocol, engine=protocol.leader)))
-    return [_rematched(step, protocol) for step in led[protocol.sensor]]
+        led[protocol.sensor] = asyncio.run(_session(case, replace(protocol, engine=protocol.leader), registrar))
+    return [_rematched(step, protocol, registrar) for step in led[protocol.sensor]]
 
 
-async def _session(case: Case, protocol: Protocol, upto: int | None = None) -> list[Step]:
-    loop = loop_of(protocol)
+async def _session(case: Case, protocol: Protocol, registrar: Registrar, upto: int | None = None) -> list[Step]:
+    loop = loop_of(protocol, registrar)
     most = protocol.scans if upto is None else min(upto, protocol.scans)
     started = time.perf_counter()
     record = await loop.open(f"{case.name}-{case.view}", 0.0, request_of(case, protocol), case.depth, case.mask)
@@ -227,14 +232,14 @@ async def _session(case: Case, protocol: Protocol, upto: int | None = None) -> l
     return steps
 
 
-def _rematched(step: Step, protocol: Protocol) -> Step:
+def _rematched(step: Step, protocol: Protocol, registrar: Registrar) -> Step:
     """The leader's scans matched by the protocol's engine, the time being the match's alone; its own as they are."""
     if protocol.leader in (None, protocol.engine):
         return step
     record = step.record
     settings = Settings(protocol.engine, record.request.prior, record.request.sensor)
     started = time.perf_counter()
-    estimate = register(record.scene, record.measured, settings)
+    estimate = registrar.register(record.scene, record.measured, settings)
     return Step(replace(record, estimate=estimate), time.perf_counter() - started)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pretouch_detector.proposals import propose
 from pretouch_orchestrator.ports import ProposedRegion
 from pretouch_registrar.engines import Engine
-from pretouch_registrar.registration import Settings, predict, register
+from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.estimate import Estimate, Prior
 from pretouch.scene import Scene
@@ -31,17 +31,17 @@ class InProcessDetector:
 
 
 class InProcessRegistrar:
-    """The registrar's `engine`."""
+    """The registrar's `engine`; sessions may share a registrar."""
 
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
+    def __init__(self, engine: Engine, registrar: Registrar) -> None:
+        self._engine, self._registrar = engine, registrar
 
     async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
         """See `ports.Registrar`."""
-        return register(scene, scans, Settings(self._engine, prior, sensor))
+        return self._registrar.register(scene, scans, Settings(self._engine, prior, sensor))
 
     async def predict(
         self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
     ) -> list[float]:
         """See `ports.Registrar`."""
-        return predict(scene, scans, Settings(self._engine, prior, sensor), candidates)
+        return self._registrar.predict(scene, scans, Settings(self._engine, prior, sensor), candidates)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from pretouch_registrar.registration import Settings, register
+from pretouch_registrar.registration import Registrar, Settings
 from scipy.spatial import cKDTree
 
 from pretouch.geometry import Array
@@ -29,11 +29,11 @@ ON_PERIMETER = 1.0
 _SCANNED = 0.005
 
 
-async def run_case(case: Case, protocol: Protocol) -> list[Outcome]:
+async def run_case(case: Case, protocol: Protocol, registrar: Registrar) -> list[Outcome]:
     """One for each of the first `protocol.scans` regions; the last one leaves the session exhausted."""
     request = request_of(case, protocol)
     started = time.perf_counter()
-    record = await loop_of(protocol).open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
+    record = await loop_of(protocol, registrar).open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
     opening = time.perf_counter() - started
     true_cloud = case.truth.apply(case.cloud)
     settings = Settings(protocol.engine, request.prior, request.sensor)
@@ -46,7 +46,7 @@ async def run_case(case: Case, protocol: Protocol) -> list[Outcome]:
         scans.append(Scan.of_points(cut(case, true_cloud, region.rectangle, rng), -record.scene.table.normal))
         length += perimeter_length(case, region.rectangle)
         started = time.perf_counter()
-        estimate = register(record.scene, scans, settings)
+        estimate = registrar.register(record.scene, scans, settings)
         seconds = time.perf_counter() - started + (opening if not outcomes else 0.0)
         outcomes.append(
             Outcome(

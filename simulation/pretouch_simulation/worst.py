@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pretouch_orchestrator.record import Record
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.engines.solution import pose_of
-from pretouch_registrar.registration import Settings, solution_of
+from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.geometry import Array
 from pretouch.tof import Scan
@@ -138,7 +138,7 @@ def _flat_share(case: Case, scan: Scan, kinds: NDArray[np.str_]) -> float:
 def _second_place(case: Case, record: Record, engine: Engine) -> tuple[float, float] | None:
     """Distance of the engine's second place from its best, and the error there, m; None if it names none."""
     settings = Settings(engine, record.request.prior, record.request.sensor)
-    others = solution_of(record.scene, record.measured, settings).others
+    others = Registrar().solution_of(record.scene, record.measured, settings).others
     if len(others) == 0:
         return None
     second = pose_of(others[0], record.scene.centroid)

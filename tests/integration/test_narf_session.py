@@ -4,6 +4,7 @@ from pathlib import Path
 
 from made_frame import write_mesh
 from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Registrar
 from pretouch_simulation.evaluation import Protocol, loop_of, request_of, run_task
 from pretouch_simulation.evaluation_tasks import MeshTask
 from pretouch_simulation.finger import FingerModel
@@ -17,7 +18,7 @@ PROTOCOL = Protocol(1, Proposer.NARF, Engine.POSTERIOR, Planner.INFORMATION, Fin
 
 async def test_a_session_on_narf_plans_a_scan_on_each_regions_terms() -> None:
     case = make_case("mug", mug(), 0)
-    record = await loop_of(PROTOCOL).open("mug", 0.0, request_of(case, PROTOCOL), case.depth, case.mask)
+    record = await loop_of(PROTOCOL, Registrar()).open("mug", 0.0, request_of(case, PROTOCOL), case.depth, case.mask)
     assert record.state is State.AWAITING_SCAN
     assert record.proposer is Proposer.NARF
     assert 3 <= len(record.regions) <= 20
@@ -27,7 +28,7 @@ async def test_a_session_on_narf_plans_a_scan_on_each_regions_terms() -> None:
 
 async def test_a_flat_card_has_no_keypoint_and_its_session_ends_exhausted() -> None:
     case = make_case("card", box(0.085, 0.054, 0.001), 0)
-    record = await loop_of(PROTOCOL).open("card", 0.0, request_of(case, PROTOCOL), case.depth, case.mask)
+    record = await loop_of(PROTOCOL, Registrar()).open("card", 0.0, request_of(case, PROTOCOL), case.depth, case.mask)
     assert record.regions == ()
     assert record.state is State.EXHAUSTED
     assert record.reason is not None

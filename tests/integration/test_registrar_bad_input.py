@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from mesh_cases import blind_scans, mesh_target_of
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.mesh_scene import mesh_scene
-from pretouch_registrar.registration import Settings, register
+from pretouch_registrar.registration import Registrar, Settings
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import TABLE, make_case
 from processes import Service, free_port
@@ -40,11 +40,13 @@ from pretouch.wire.common import (
     scene_to_proto,
 )
 
+REGISTRAR = Registrar()
+
 OBJECT = World((Box.standing((0.10, 0.06, 0.05), yaw=0.4),))
 SCENE = OBJECT.scene(KINECT, np.random.default_rng(5)).cropped(0.1)[0]
 DOWN = np.array([0.0, 0.0, -1.0])
 TIMEOUT = 60.0
-BEFORE = register(SCENE, [], Settings())
+BEFORE = REGISTRAR.register(SCENE, [], Settings())
 TRUTH = Pose.from_rotation_vector((0.01, -0.02, 0.05), (0.01, -0.008, 0.012))
 
 
@@ -232,7 +234,7 @@ def equal(one: Estimate, other: Estimate) -> bool:
 
 def both(stub: RegistrarServiceStub, scans: list[Scan]) -> Estimate:
     """The answer, which the process and the library agree on to the bit."""
-    here = register(SCENE, scans, Settings())
+    here = REGISTRAR.register(SCENE, scans, Settings())
     there = estimate_from_proto(stub.Register(request(scans=scans), timeout=TIMEOUT).estimate)
     assert equal(here, there)
     return here
@@ -266,7 +268,7 @@ def test_scans_thirty_centimetres_away_leave_the_prior(stub: RegistrarServiceStu
 def test_a_match_that_contradicts_the_prior_is_no_certain_one(engine: Engine, offset: tuple[float, ...]) -> None:
     rng = np.random.default_rng(0)
     scans = [Scan.of_points(SCENE.cloud[rng.choice(len(SCENE.cloud), 100)] + offset, DOWN) for _ in range(4)]
-    answer = register(SCENE, scans, Settings(engine=engine))
+    answer = REGISTRAR.register(SCENE, scans, Settings(engine=engine))
     assert answer.expected_error > 0.65 * BEFORE.expected_error
     assert answer.error_quantile > 0.5 * moved(answer)
 
@@ -327,7 +329,7 @@ def test_the_same_scan_again_tells_nothing_new(stub: RegistrarServiceStub) -> No
 def test_beams_that_differ_only_in_direction_are_not_taken_for_each_other() -> None:
     down = Scan(SCANS[0].origins, np.tile(DOWN, (N, 1)), SCANS[0].ranges)
     slanted = Scan(down.origins, np.tile([0.3, 0.0, -np.sqrt(0.91)], (N, 1)), down.ranges)
-    answers = [register(SCENE, [scan], Settings()) for scan in (down, slanted)]
+    answers = [REGISTRAR.register(SCENE, [scan], Settings()) for scan in (down, slanted)]
     assert not answers[0].base_T_correction.is_close(answers[1].base_T_correction, 1e-6)
 
 
@@ -367,9 +369,9 @@ def test_a_mesh_is_matched_over_the_wire_as_in_process(stub: RegistrarServiceStu
     *_, last = stub.RegisterStream(iter(steps), timeout=TIMEOUT)
     assert equal(answer, estimate_from_proto(last.estimate))
     view = Scene(case.depth, case.camera, case.base_T_camera, case.mask, target.table).cropped(0.1)[0]
-    by_camera = register(view, scans, Settings())
+    by_camera = REGISTRAR.register(view, scans, Settings())
     assert case.error(answer.base_T_correction) <= case.error(by_camera.base_T_correction)
-    assert equal(answer, register(mesh_scene(mesh_from_proto(message)), scans, Settings()))
+    assert equal(answer, REGISTRAR.register(mesh_scene(mesh_from_proto(message)), scans, Settings()))
     path = registrar_pb2.CandidatePath(
         t=array_to_proto(np.array([0.0, 2.0]), "f8"),
         base_t_tip=array_to_proto(

@@ -15,8 +15,8 @@ from grpc.aio import AioRpcError
 from pretouch_detector.model.weights import Weights
 from pretouch_detector.proposals import deep
 from pretouch_detector.service import running as detector_running
+from pretouch_registrar.registration import Registrar
 from pretouch_registrar.registration import Settings as RegistrationSettings
-from pretouch_registrar.registration import register
 from pretouch_registrar.service import running as registrar_running
 from scenes import Box, World
 
@@ -92,7 +92,7 @@ async def test_a_stream_gives_the_same_answers_as_single_calls_and_as_the_librar
                 scene=scene_to_proto(SCENE), scans=[scan_to_proto(s) for s in scans()[:k]]
             )
             single = estimate_from_proto((await stub.Register(request, timeout=60)).estimate)
-            library = register(SCENE, scans()[:k], RegistrationSettings())
+            library = Registrar().register(SCENE, scans()[:k], RegistrationSettings())
             for other in (single, library):
                 assert answer.base_T_correction.is_close(other.base_T_correction, 1e-12)
                 np.testing.assert_array_equal(answer.covariance, other.covariance)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import Engine, paper, pcl
 from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MIN_PAIRS
-from pretouch_registrar.registration import Settings, predict, register
+from pretouch_registrar.registration import Registrar, Settings
 from scenes import KINECT, Box, World
 from scipy.spatial import cKDTree
 
@@ -16,7 +16,9 @@ from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 
-POINT_ENGINES = [Engine.MAP, Engine.PAPER, Engine.PCL]
+REGISTRAR = Registrar()
+
+POINT_ENGINES = [Engine.POINT_TO_PLANE, Engine.PAPER, Engine.PCL]
 SENSOR = Sensor()
 OBJECT = (Box.standing((0.10, 0.06, 0.05), (0.0, 0.0), 0.4),)
 
@@ -88,22 +90,22 @@ def test_pcls_rejector_goes_by_the_order_of_the_points_and_the_published_one_doe
     assert paper.align(source, target).is_close(paper.align(turned, target), 1e-6)
 
 
-@pytest.mark.parametrize("engine", [Engine.MAP, Engine.PAPER])
+@pytest.mark.parametrize("engine", [Engine.POINT_TO_PLANE, Engine.PAPER])
 def test_a_shift_upwards_is_found(scene: Scene, engine: Engine) -> None:
     truth, scans = scanned(scene, (0.0, 0.0, 0.01))
-    answer = register(scene, scans, Settings(engine=engine))
+    answer = REGISTRAR.register(scene, scans, Settings(engine=engine))
     apart = truth.apply(scene.cloud) - answer.base_T_correction.apply(scene.cloud)
     assert np.linalg.norm(apart, axis=1).mean() < 0.008
-    again = register(scene, scans[::-1], Settings(engine=engine))
+    again = REGISTRAR.register(scene, scans[::-1], Settings(engine=engine))
     assert again.base_T_correction.is_close(answer.base_T_correction, 0)
 
 
 def test_map_finds_the_height_and_its_region_holds_the_truth_along_the_flat_top_too(scene: Scene) -> None:
     truth, scans = scanned(scene, (0.004, -0.003, 0.01))
-    answer = register(scene, scans, Settings(engine=Engine.MAP))
+    answer = REGISTRAR.register(scene, scans, Settings(engine=Engine.POINT_TO_PLANE))
     apart = truth.apply(scene.cloud) - answer.base_T_correction.apply(scene.cloud)
     assert abs(apart.mean(axis=0)[2]) < 0.001
-    assert answer.expected_error < 0.8 * register(scene, [], Settings()).expected_error
+    assert answer.expected_error < 0.8 * REGISTRAR.register(scene, [], Settings()).expected_error
     shift = np.concatenate([np.zeros(3), apart.mean(axis=0)])
     assert shift @ np.linalg.solve(answer.covariance, shift) < 12.59
 
@@ -113,15 +115,18 @@ def test_engines_without_an_uncertainty_state_the_priors_at_least_and_predict_no
     scene: Scene, engine: Engine
 ) -> None:
     _, scans = scanned(scene, (0.0, 0.0, 0.01))
-    answer = register(scene, scans, Settings(engine=engine))
+    answer = REGISTRAR.register(scene, scans, Settings(engine=engine))
     assert np.linalg.eigvalsh(answer.covariance - Prior().covariance()).min() > -1e-9
-    assert predict(scene, scans, Settings(engine=engine), PATHS[:2]) == [answer.expected_error] * 2
+    assert REGISTRAR.predict(scene, scans, Settings(engine=engine), PATHS[:2]) == [answer.expected_error] * 2
 
 
 def test_map_predicts_that_another_scan_tells_more(scene: Scene) -> None:
     _, scans = scanned(scene, (0.0, 0.0, 0.01))
-    choice = Settings(engine=Engine.MAP)
-    assert predict(scene, scans[:1], choice, PATHS[1:2])[0] < register(scene, scans[:1], choice).expected_error
+    choice = Settings(engine=Engine.POINT_TO_PLANE)
+    assert (
+        REGISTRAR.predict(scene, scans[:1], choice, PATHS[1:2])[0]
+        < REGISTRAR.register(scene, scans[:1], choice).expected_error
+    )
 
 
 @pytest.mark.parametrize("engine", POINT_ENGINES)
@@ -144,13 +149,13 @@ def test_evidence_that_fixes_no_pose_leaves_the_prior_or_a_wide_covariance(
     scan = Scan.of_points(points, down)
     if case == "all misses":
         scan = Scan(points, np.broadcast_to(down, points.shape), np.full(len(points), np.nan))
-    answer = register(scene, [scan], Settings(engine=engine))
+    answer = REGISTRAR.register(scene, [scan], Settings(engine=engine))
     correction = answer.base_T_correction
     assert np.linalg.norm(correction.apply(scene.cloud) - scene.cloud, axis=1).mean() < 0.01
     assert answer.error_quantile > 0.02
     free = answer.covariance[[0, 1, 2, 3, 4], [0, 1, 2, 3, 4]] / Prior().covariance().diagonal()[:5]
     assert free.max() > 0.9
-    if engine is not Engine.MAP or case in ("all misses", "half a metre away", "no object"):
+    if engine is not Engine.POINT_TO_PLANE or case in ("all misses", "half a metre away", "no object"):
         assert correction.is_close(Pose.identity(), 1e-12)
 
 
@@ -158,9 +163,9 @@ def test_map_counts_a_point_repeated_once(scene: Scene) -> None:
     _, scans = scanned(scene, (0.0, 0.0, 0.005))
     points = scans[0].points()
     down = np.array([0.0, 0.0, -1.0])
-    choice = Settings(engine=Engine.MAP)
-    once = register(scene, [Scan.of_points(points, down)], choice)
-    often = register(scene, [Scan.of_points(np.repeat(points, 20, axis=0), down)], choice)
+    choice = Settings(engine=Engine.POINT_TO_PLANE)
+    once = REGISTRAR.register(scene, [Scan.of_points(points, down)], choice)
+    often = REGISTRAR.register(scene, [Scan.of_points(np.repeat(points, 20, axis=0), down)], choice)
     assert often.expected_error == pytest.approx(once.expected_error, rel=0.05)
 
 
@@ -169,6 +174,6 @@ def test_a_turned_object_is_turned_back_by_map(scene: Scene) -> None:
     truth = Pose.of(rotation, scene.centroid - rotation @ scene.centroid)
     world, rng = World(OBJECT).moved(truth), np.random.default_rng(0)
     scans = [world.scanned(path, SENSOR, rng).beams(SENSOR) for path in PATHS]
-    answer = register(scene, scans, Settings(engine=Engine.MAP))
+    answer = REGISTRAR.register(scene, scans, Settings(engine=Engine.POINT_TO_PLANE))
     normal = answer.base_T_correction.rotate([0.0, 0.0, 1.0])
     np.testing.assert_allclose(normal, rotation @ (0.0, 0.0, 1.0), atol=0.025)

@@ -4,16 +4,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_registrar.engines import annealing, camera_model, importance
-from pretouch_registrar.engines.cone import mean_range, rays_of
-from pretouch_registrar.engines.importance import Mode
-from pretouch_registrar.registration import Settings, register
+from pretouch_registrar.engines import camera_model
+from pretouch_registrar.engines.problem import pose_problem
+from pretouch_registrar.engines.residuals.cone import mean_range
+from pretouch_registrar.engines.solvers import importance, smc
+from pretouch_registrar.engines.solvers.importance import Mode
+from pretouch_registrar.registration import Registrar, Settings
 from scenes import KINECT, Box, World
 
+from pretouch.estimate import Prior
 from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
+
+REGISTRAR = Registrar()
 
 HALF_ANGLE = float(np.radians(12.5))
 WIDE = Sensor(beam_half_angle=HALF_ANGLE)
@@ -42,7 +47,7 @@ def test_moments_of_two_places_are_those_of_their_mixture(seed: int, std: float,
 @given(st.integers(0, 2**16))
 def test_the_search_finds_a_narrow_place_anywhere_in_the_prior(seed: int) -> None:
     place = np.random.default_rng(seed).uniform(-1.7, 1.7, (1, 6))
-    xs, level = annealing.population(lambda x, factor: mixture(x, place, 0.15 * factor), np.ones(6))
+    xs, level = smc.population(lambda x, factor: mixture(x, place, 0.15 * factor), np.ones(6))
     assert np.linalg.norm(xs[level.argmin()] - place[0]) < 0.3
     assert np.median(np.linalg.norm(xs - place[0], axis=1)) < 0.6
 
@@ -53,9 +58,8 @@ def block() -> camera_model.CameraModel:
 
 
 def seen(model: camera_model.CameraModel, at: tuple[float, float, float], down: tuple[float, float, float]) -> Array:
-    table = np.array([*model.scene.table.normal, model.scene.table.offset])
-    answer = mean_range(*at, *down, 0.2, rays_of(HALF_ANGLE), table, model.footprint, model.frame)
-    return np.array(answer)
+    problem = pose_problem(model, [], Prior(), WIDE)
+    return np.array(mean_range(at, down, 0.2, problem.rays, problem.target))
 
 
 @settings(max_examples=40, deadline=None)
@@ -109,12 +113,12 @@ def across(start: tuple[float, float], end: tuple[float, float]) -> Scan:
 
 def test_a_scan_that_cannot_tell_ridges_apart_is_said_to_fit_several_places(ridges: Scene) -> None:
     inside = [across((-0.02, 0.005), (0.02, -0.005)), across((-0.015, -0.02), (0.02, 0.02))]
-    answer = register(ridges, inside, Settings())
+    answer = REGISTRAR.register(ridges, inside, Settings())
     assert len(answer.modes) > 1
     assert sum(mode.weight for mode in answer.modes) == pytest.approx(1)
     assert answer.modes[0].base_T_correction.is_close(answer.base_T_correction)
     assert answer.error_quantile > 0.7 * PITCH
     over_the_ends = [across((-0.08, 0.01), (0.08, 0.0)), across((0.007, -0.06), (0.007, 0.06))]
-    answer = register(ridges, inside + over_the_ends, Settings())
+    answer = REGISTRAR.register(ridges, inside + over_the_ends, Settings())
     assert answer.expected_error < 0.5 * PITCH
     assert np.linalg.norm(answer.base_T_correction.apply(ridges.centroid) - ridges.centroid) < 0.004

@@ -7,12 +7,14 @@ import numpy as np
 import pretouch_registrar
 import pytest
 from pretouch_registrar.engines import Engine
-from pretouch_registrar.registration import Settings, predict, register
+from pretouch_registrar.registration import Registrar, Settings
 from pretouch_registrar.warm_up import warm_up
 from scenes import KINECT, Box, World
 
 from pretouch.tof import Sensor
 from pretouch.trajectory import Trajectory
+
+REGISTRAR = Registrar()
 
 
 def compiled() -> dict[str, int]:
@@ -27,7 +29,7 @@ def compiled() -> dict[str, int]:
 
 @pytest.mark.parametrize("engine", list(Engine))
 def test_the_first_request_compiles_nothing(engine: Engine) -> None:
-    warm_up()
+    warm_up(REGISTRAR)
     before = compiled()
     assert before["pretouch_registrar.engines.icp.align"] == 1
     world = World((Box.standing((0.10, 0.06, 0.05), (0.0, 0.0), 0.4),))
@@ -38,6 +40,6 @@ def test_the_first_request_compiles_nothing(engine: Engine) -> None:
     tip[:, 2, 3] = 0.085
     path = Trajectory(np.array([0.0, 1.6, 3.4]), tip)
     scan = world.scanned(path, Sensor(), np.random.default_rng(0)).beams(Sensor())
-    register(scene, [scan], Settings(engine=engine))
-    predict(scene, [scan], Settings(engine=engine), [path])
+    REGISTRAR.register(scene, [scan], Settings(engine=engine))
+    REGISTRAR.predict(scene, [scan], Settings(engine=engine), [path])
     assert compiled() == before

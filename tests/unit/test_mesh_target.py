@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mesh_cases import blind_scans, mesh_target_of
 from pretouch_registrar import mesh_scene as module
 from pretouch_registrar.mesh_scene import mesh_scene
-from pretouch_registrar.registration import Settings, register
+from pretouch_registrar.registration import Registrar, Settings
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import TABLE, make_case
 from pretouch_simulation.world import Body, World
@@ -21,6 +21,8 @@ from pretouch.geometry import Plane, Pose
 from pretouch.mesh_target import MAX_FACES, MeshTarget
 from pretouch.scene import Scene
 from pretouch.wire.common import mesh_from_proto, mesh_to_proto
+
+REGISTRAR = Registrar()
 
 BOX = MAKERS["box"]()
 
@@ -110,7 +112,7 @@ def test_a_known_shape_is_matched_at_least_as_well_as_what_a_camera_saw() -> Non
         mesh = mesh_target_of(case)
         seen = Scene(case.depth, case.camera, case.base_T_camera, case.mask, mesh.table).cropped(0.1)[0]
         scans = blind_scans(case)
-        by_camera, by_mesh = (register(scene, scans, Settings()) for scene in (seen, mesh_scene(mesh)))
+        by_camera, by_mesh = (REGISTRAR.register(scene, scans, Settings()) for scene in (seen, mesh_scene(mesh)))
         errors.append([case.error(answer.base_T_correction) for answer in (by_camera, by_mesh)])
         assert by_mesh.expected_error < 0.008
     camera, known = np.mean(errors, axis=0)

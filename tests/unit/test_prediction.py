@@ -2,18 +2,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pretouch_registrar.cast import cast
 from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.problem import Problem, pose_problem
 from pretouch_registrar.prediction import predicted_covariance
-from pretouch_registrar.registration import Settings, predict
+from pretouch_registrar.ray_casting import cast
+from pretouch_registrar.registration import Registrar, Settings
 from scenes import KINECT, Box, World
 
 from pretouch.camera import DepthImage
 from pretouch.estimate import Prior, point_error
 from pretouch.geometry import Pose
+from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
+
+REGISTRAR = Registrar()
 
 SENSOR = Sensor()
 BOX = World((Box.standing((0.10, 0.06, 0.05), (0.0, 0.0), 0.4),))
@@ -22,8 +25,12 @@ LIFTED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.01])
 
 
 @pytest.fixture(scope="module")
-def problem() -> Problem:
-    scene = BOX.scene(KINECT).cropped(0.1)[0]
+def scene() -> Scene:
+    return BOX.scene(KINECT).cropped(0.1)[0]
+
+
+@pytest.fixture(scope="module")
+def problem(scene: Scene) -> Problem:
     return pose_problem(camera_model.build(scene), [], PRIOR, SENSOR)
 
 
@@ -84,10 +91,12 @@ def test_a_path_over_bare_table_tells_its_height_and_nothing_sideways(problem: P
     assert (after[3:5] > 0.75 * before[3:5]).all()
 
 
-def test_a_path_across_the_edges_leaves_less_than_one_on_the_top_and_that_less_than_none(problem: Problem) -> None:
-    cloud = problem.model.scene.cloud
+def test_a_path_across_the_edges_leaves_less_than_one_on_the_top_and_that_less_than_none(
+    problem: Problem, scene: Scene
+) -> None:
+    cloud = scene.cloud
     none, top, across = (
-        point_error(covariance, cloud, problem.centroid)[0]
+        point_error(covariance, cloud, problem.target.centroid)[0]
         for covariance in (PRIOR.covariance(), left(problem, TOP), left(problem, ACROSS))
     )
     assert across < 0.9 * top < 0.9 * none
@@ -109,5 +118,5 @@ def test_the_number_of_modules_does_not_overstate_what_a_scan_tells(problem: Pro
 def test_the_same_scan_again_is_foreseen_to_tell_less_than_a_new_one() -> None:
     scene = BOX.scene(KINECT, np.random.default_rng(5)).cropped(0.1)[0]
     first: list[Scan] = [BOX.scanned(ACROSS, SENSOR, np.random.default_rng(0)).beams(SENSOR)]
-    again, new = predict(scene, first, Settings(), [ACROSS, line((0.02, -0.08), (-0.03, 0.08))])
+    again, new = REGISTRAR.predict(scene, first, Settings(), [ACROSS, line((0.02, -0.08), (-0.03, 0.08))])
     assert new < again

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import Engine, paper
-from pretouch_registrar.registration import Settings, predict, register
+from pretouch_registrar.registration import Registrar, Settings
 from scenes import KINECT, Box, World, looking
 
 from pretouch.errors import PretouchError
@@ -14,6 +14,8 @@ from pretouch.geometry import Pose, rotation_from_vector, vector_from_rotation
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
+
+REGISTRAR = Registrar()
 
 SENSOR = Sensor()
 OBJECT = (
@@ -81,7 +83,7 @@ OFFSETS = [
 def test_map_finds_a_hidden_offset_and_grows_surer(scene: Scene, w: tuple[float, ...], d: tuple[float, ...]) -> None:
     truth = correction_of(scene, w, d)
     scans = scans_of(scene, truth, PATHS)
-    answers = [register(scene, scans[:k], Settings()) for k in range(5)]
+    answers = [REGISTRAR.register(scene, scans[:k], Settings()) for k in range(5)]
     assert mean_error(scene, truth, answers[0].base_T_correction) > 0.015
     assert mean_error(scene, truth, answers[4].base_T_correction) < 0.005
     assert answers[4].expected_error < 0.005 < answers[0].expected_error
@@ -96,14 +98,14 @@ def test_map_finds_a_hidden_offset_and_grows_surer(scene: Scene, w: tuple[float,
 
 def test_the_order_of_the_scans_does_not_matter(scene: Scene) -> None:
     scans = scans_of(scene, correction_of(scene, *OFFSETS[0]), PATHS)
-    forward, backward = register(scene, scans, Settings()), register(scene, scans[::-1], Settings())
+    forward, backward = REGISTRAR.register(scene, scans, Settings()), REGISTRAR.register(scene, scans[::-1], Settings())
     assert forward.base_T_correction.is_close(backward.base_T_correction, 0)
     np.testing.assert_array_equal(forward.covariance, backward.covariance)
 
 
 def test_without_a_scan_the_prior_is_the_answer(scene: Scene) -> None:
     prior = Prior(0.02, 0.1)
-    answer = register(scene, [], Settings(prior=prior))
+    answer = REGISTRAR.register(scene, [], Settings(prior=prior))
     assert answer.base_T_correction.is_close(Pose.identity())
     np.testing.assert_array_equal(answer.covariance, prior.covariance())
     assert answer.expected_error == point_error(prior.covariance(), scene.cloud, scene.centroid)[0]
@@ -111,7 +113,7 @@ def test_without_a_scan_the_prior_is_the_answer(scene: Scene) -> None:
 
 def test_a_scan_of_the_flat_top_alone_leaves_the_horizontal_free_and_says_so(scene: Scene) -> None:
     truth = correction_of(scene, (0, 0, 0), (0.0, 0.0, 0.012))
-    answer = register(scene, scans_of(scene, truth, (line((-0.01, 0.0), (0.01, 0.005)),)), Settings())
+    answer = REGISTRAR.register(scene, scans_of(scene, truth, (line((-0.01, 0.0), (0.01, 0.005)),)), Settings())
     std = np.sqrt(np.diag(answer.covariance))
     assert std[5] < 0.004 < 0.006 < min(std[3], std[4])
     assert answer.unobservable
@@ -136,7 +138,7 @@ def test_poor_evidence_gives_a_wide_covariance(scene: Scene, engine: Engine, cas
         scan = Scan(origins, np.broadcast_to(down, (60, 3)), np.full(60, np.nan))
     else:
         scan = Scan.of_points(points[case], down)
-    answer = register(scene, [scan], Settings(engine=engine))
+    answer = REGISTRAR.register(scene, [scan], Settings(engine=engine))
     assert np.isfinite(answer.base_T_correction.matrix).all()
     assert answer.error_quantile > 0.01
     assert np.linalg.eigvalsh(answer.covariance).min() > 0
@@ -151,8 +153,8 @@ def test_a_scan_with_nan_or_an_infinite_range_is_refused() -> None:
 
 def test_a_path_across_edges_is_predicted_to_tell_more_than_one_on_the_flat_top(scene: Scene) -> None:
     first = scans_of(scene, Pose.identity(), PATHS[:1])
-    flat, across = predict(scene, first, Settings(), [line((-0.01, 0.0), (0.01, 0.005)), PATHS[1]])
-    present = register(scene, first, Settings()).expected_error
+    flat, across = REGISTRAR.predict(scene, first, Settings(), [line((-0.01, 0.0), (0.01, 0.005)), PATHS[1]])
+    present = REGISTRAR.register(scene, first, Settings()).expected_error
     assert across < flat
     assert across < 0.8 * present
     assert flat < 1.1 * present
@@ -160,18 +162,18 @@ def test_a_path_across_edges_is_predicted_to_tell_more_than_one_on_the_flat_top(
 
 def test_the_predicted_error_is_what_the_estimate_says_after_the_scan(scene: Scene) -> None:
     scans = scans_of(scene, correction_of(scene, *OFFSETS[2]), PATHS)
-    predicted = predict(scene, scans[:2], Settings(), [PATHS[2], PATHS[3]])
-    after = [register(scene, [*scans[:2], scan], Settings()).expected_error for scan in scans[2:]]
+    predicted = REGISTRAR.predict(scene, scans[:2], Settings(), [PATHS[2], PATHS[3]])
+    after = [REGISTRAR.register(scene, [*scans[:2], scan], Settings()).expected_error for scan in scans[2:]]
     np.testing.assert_allclose(predicted, after, rtol=0.5)
 
 
 def test_the_papers_engine_finds_a_small_shift_and_claims_no_certainty(scene: Scene) -> None:
     truth = correction_of(scene, (0, 0, 0), (0, 0, 0.008))
     scans = scans_of(scene, truth, PATHS)
-    answer = register(scene, scans, Settings(engine=Engine.PAPER))
+    answer = REGISTRAR.register(scene, scans, Settings(engine=Engine.PAPER))
     assert mean_error(scene, truth, answer.base_T_correction) < mean_error(scene, truth, Pose.identity())
     np.testing.assert_array_equal(answer.covariance, Prior().covariance())
-    assert predict(scene, scans, Settings(engine=Engine.PAPER), PATHS[:2]) == [answer.expected_error] * 2
+    assert REGISTRAR.predict(scene, scans, Settings(engine=Engine.PAPER), PATHS[:2]) == [answer.expected_error] * 2
 
 
 @settings(max_examples=20, deadline=None)
@@ -192,5 +194,5 @@ def test_the_view_from_the_other_side_agrees() -> None:
     view = type(KINECT)(looking((0, 0, 0.02), azimuth=60.0), KINECT.camera, KINECT.width, KINECT.height)
     scene = world.scene(view, np.random.default_rng(1)).cropped(0.1)[0]
     truth = correction_of(scene, *OFFSETS[1])
-    answer = register(scene, scans_of(scene, truth, PATHS), Settings())
+    answer = REGISTRAR.register(scene, scans_of(scene, truth, PATHS), Settings())
     assert mean_error(scene, truth, answer.base_T_correction) < 0.005

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from pretouch_registrar import coarse as module
 from pretouch_registrar.coarse import coarse
-from pretouch_registrar.registration import Settings, register
+from pretouch_registrar.registration import Registrar, Settings
 from scenes import KINECT, Box, View, World
 
 from pretouch.camera import Camera
 from pretouch.geometry import Pose
 from pretouch.tof import Sensor
 from pretouch.trajectory import Trajectory
+
+REGISTRAR = Registrar()
 
 WORLD = World((Box.standing((0.10, 0.06, 0.05), yaw=0.4),))
 CLOSE = View(camera=Camera(2100.0, 2100.0, 799.5, 599.5), width=1600, height=1200)
@@ -55,7 +57,7 @@ def test_a_fine_view_is_answered_as_a_usual_one(monkeypatch: pytest.MonkeyPatch)
         scans.append(WORLD.moved(TRUTH).scanned(path, Sensor(), np.random.default_rng(k)).beams(Sensor()))
     monkeypatch.setattr(module, "MOST_OBJECT_PIXELS", 10_000)
     fine = WORLD.scene(CLOSE, np.random.default_rng(0))
-    answer = register(fine, scans, Settings())
+    answer = REGISTRAR.register(fine, scans, Settings())
     error = np.linalg.norm(answer.base_T_correction.apply(fine.cloud) - TRUTH.apply(fine.cloud), axis=1).mean()
     assert error < 0.005
     assert error < answer.error_quantile

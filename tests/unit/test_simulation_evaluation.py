@@ -113,7 +113,7 @@ def test_partial_results_of_other_settings_are_not_mixed_in(tmp_path: Path) -> N
 def test_another_engine_is_added_to_what_is_there(tmp_path: Path) -> None:
     PartialResults(tmp_path / "out.json", PROTOCOL).add(RUNS[0])
     again = PartialResults(tmp_path / "out.json", replace(PROTOCOL, engine=Engine.PAPER, sensor=FingerModel.VL6180X))
-    assert again.runs == {RunKey("mug", 0, "map", "ideal", "kinect"): RUNS[0]}
+    assert again.runs == {RunKey("mug", 0, "point_to_plane", "ideal", "kinect"): RUNS[0]}
 
 
 def test_meshes_are_chosen_by_name_and_number(tmp_path: Path) -> None:

@@ -16,9 +16,9 @@ RUNS = [
 
 
 def test_only_pairs_that_are_lost_are_listed() -> None:
-    pairs = compared(RUNS, 2, "posterior", "map")
+    pairs = compared(RUNS, 2, "posterior", "point_to_plane")
     assert [(pair.mesh, pair.sensor, pair.n) for pair in pairs] == [("box", "ideal", 1), ("mug", "ideal", 2)]
-    table = comparison_table(pairs, "posterior", "map")
-    assert table.startswith("`posterior` is worse than `map` on 1 of 2 pairs")
+    table = comparison_table(pairs, "posterior", "point_to_plane")
+    assert table.startswith("`posterior` is worse than `point_to_plane` on 1 of 2 pairs")
     assert "| box | kinect | ideal | 1 | 1.20 | 1.00 | 0.20 |" in table
     assert "mug" not in table

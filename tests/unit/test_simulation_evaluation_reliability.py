@@ -66,9 +66,9 @@ def runs(engine: str, sensor: str) -> list[Run]:
 @pytest.mark.parametrize("save", [save_reliability, save_expected_errors])
 def test_pictures_have_a_panel_for_each_engine_and_sensor(save: object, tmp_path: Path) -> None:
     assert callable(save)
-    setups = [(engine, sensor) for engine in ("paper", "map") for sensor in ("ideal", "vl6180x")]
+    setups = [(engine, sensor) for engine in ("paper", "point_to_plane") for sensor in ("ideal", "vl6180x")]
     save([run for setup in setups for run in runs(*setup)], (1, 2), "all", tmp_path / "four.png")
-    save(runs("map", "ideal"), (1, 2), "one", tmp_path / "one.png")
+    save(runs("point_to_plane", "ideal"), (1, 2), "one", tmp_path / "one.png")
     with Image.open(tmp_path / "four.png") as four, Image.open(tmp_path / "one.png") as one:
         assert four.width > 1.8 * one.width
         assert four.height > 1.8 * one.height

@@ -35,19 +35,24 @@ def test_the_table_by_scan_counts_all_runs() -> None:
 
 
 def test_engines_stand_under_each_other_by_camera_sensor_and_scan() -> None:
-    worlds = [{"engine": "map"}, {"engine": "paper"}, {"engine": "map", "sensor": "vl6180x"}, {"camera": "window"}]
+    worlds = [
+        {"engine": "point_to_plane"},
+        {"engine": "paper"},
+        {"engine": "point_to_plane", "sensor": "vl6180x"},
+        {"camera": "window"},
+    ]
     runs = [run_of(KEY._replace(**world), 0.01) for world in worlds]
     broken = Run(**KEY._replace(engine="paper", view=1)._asdict(), initial_error=None, problem="broken")
     table = by_scan([*runs, broken], (0, 1))
     assert table.headings[:4] == ("camera", "sensor", "engine", "scan")
     assert [line[:5] for line in table.lines] == [
-        ("kinect", "ideal", "map", "0", "1"),
-        ("kinect", "ideal", "map", "1", "1"),
+        ("kinect", "ideal", "point_to_plane", "0", "1"),
+        ("kinect", "ideal", "point_to_plane", "1", "1"),
         ("kinect", "ideal", "paper", "1", "1"),
-        ("kinect", "vl6180x", "map", "0", "1"),
-        ("kinect", "vl6180x", "map", "1", "1"),
-        ("window", "ideal", "map", "0", "1"),
-        ("window", "ideal", "map", "1", "1"),
+        ("kinect", "vl6180x", "point_to_plane", "0", "1"),
+        ("kinect", "vl6180x", "point_to_plane", "1", "1"),
+        ("window", "ideal", "point_to_plane", "0", "1"),
+        ("window", "ideal", "point_to_plane", "1", "1"),
     ]
 
 

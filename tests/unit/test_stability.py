@@ -5,7 +5,7 @@ import pytest
 from pretouch_detector.proposals import propose
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_orchestrator.path import plan_paths
-from pretouch_registrar.registration import Settings, predict
+from pretouch_registrar.registration import Registrar, Settings
 from scenes import KINECT, Box, View, World, looking
 from scipy.stats import spearmanr
 
@@ -15,6 +15,8 @@ from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import Proposer, ScanSettings
 from pretouch.tof import Sensor
+
+REGISTRAR = Registrar()
 
 WIDE = World((Box.standing((0.16, 0.16, 0.04)),))
 STEPPED = World((Box.standing((0.16, 0.16, 0.03)), Box.standing((0.05, 0.05, 0.02), lift=0.03)))
@@ -103,6 +105,6 @@ def test_it_ranks_much_as_the_registrar_foresees() -> None:
     boxes = [r.rectangle for r in propose(scene, Proposer.RANDOM, Sensor(), 40, 3).regions]
     paths = plan_paths(scene, boxes, from_prior(Prior(), scene.cloud), ScanSettings())
     there = [k for k, path in enumerate(paths) if path is not None]
-    foreseen = predict(scene, [], Settings(), [path for path in paths if path is not None])
+    foreseen = REGISTRAR.predict(scene, [], Settings(), [path for path in paths if path is not None])
     own = left(scene, *(RotatedRectangle.as_list(boxes[k]) for k in there))
     assert spearmanr(own, foreseen)[0] > 0.5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,21 +14,22 @@ from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.coarse import coarse
 from pretouch_registrar.engines import SOLVERS, Engine, camera_model
-from pretouch_registrar.engines.agreement import sample_residuals
 from pretouch_registrar.engines.camera_model import CameraModel
+from pretouch_registrar.engines.inliers import sample_residuals
 from pretouch_registrar.engines.problem import Problem, pose_problem
+from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.solution import Solution, pose_of
 from pretouch_registrar.evidence import near_object
+from pretouch_registrar.observability import weak_directions
 from pretouch_registrar.prediction import predicted_covariance
 from pretouch_registrar.recent import Recent
-from pretouch_registrar.weak import weak_directions
 
+_MODELS, _SOLUTIONS = 32, 64
+"""Results that a registrar keeps."""
 _CONTRADICTION = 2.6
 """Standard deviations of the prior, per axis, beyond which a correction contradicts it."""
 _AGREEING, _RETURNS = 0.5, 10
 """Share of the returns that agree with an answer about this object, and returns from which one can tell."""
-_THREADS = 2
-"""Threads that predict candidates: the kernels run without Python's lock."""
 
 
 @dataclass(frozen=True)
@@ -50,58 +50,64 @@ def _content(scene: Scene) -> bytes:
     return digest.digest()
 
 
-_models: Recent[bytes, CameraModel] = Recent(32)
-_solutions: Recent[bytes, tuple[Problem, Solution]] = Recent(64)
+class Registrar:
+    """Registers scans with scenes, and keeps what makes the next call on the same scene quicker; for any threads.
 
-
-def register(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimate:
-    """The estimate from all scans, in whatever order they came."""
-    scene = coarse(scene)
-    ordered = _evidence(scene, scans, settings)
-    if not ordered:
-        return from_prior(settings.prior, scene.cloud)
-    return _estimate(scene, *_solved(scene, ordered, settings))
-
-
-def solution_of(scene: Scene, scans: Sequence[Scan], settings: Settings) -> Solution:
-    """What the engine answers to `register`'s question, with the other corrections that it names, if any."""
-    scene = coarse(scene)
-    return _solved(scene, _evidence(scene, scans, settings), settings)[1]
-
-
-def predict(scene: Scene, scans: Sequence[Scan], settings: Settings, candidates: Sequence[Trajectory]) -> list[float]:
-    """m: the expected error after each candidate scan, given the scans so far.
-
-    Engines `paper` and `pcl` cannot tell: they answer the present expected error for each.
+    Made once a process. It keeps the models of recent scenes by content, what engines made of them, recent solutions,
+    and as many threads as there are processors.
     """
-    scene = coarse(scene)
-    ordered = _evidence(scene, scans, settings)
-    if settings.engine in (Engine.PAPER, Engine.PCL):
-        return [register(scene, ordered, settings).expected_error] * len(candidates)
-    problem, solution = _solved(scene, ordered, settings)
-    cloud = pose_of(solution.x, scene.centroid).apply(scene.cloud)
-    centroid = scene.centroid + solution.x[3:]
 
-    def expected(candidate: Trajectory) -> float:
-        left = predicted_covariance(problem, solution.x, solution.covariance, candidate, settings.sensor)
-        return point_error(left, cloud, centroid)[0]
+    def __init__(self) -> None:
+        self._models: Recent[bytes, CameraModel] = Recent(_MODELS)
+        self._solutions: Recent[bytes, tuple[Problem, Solution]] = Recent(_SOLUTIONS)
+        self._resources = Resources()
 
-    with ThreadPoolExecutor(_THREADS) as pool:
-        return list(pool.map(expected, candidates))
+    def register(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimate:
+        """The estimate from all scans, in whatever order they came."""
+        scene = coarse(scene)
+        ordered = _evidence(scene, scans, settings)
+        if not ordered:
+            return from_prior(settings.prior, scene.cloud)
+        return _estimate(scene, *self._solved(scene, ordered, settings))
 
+    def solution_of(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> Solution:
+        """What the engine answers to `register`'s question, with the other corrections that it names, if any."""
+        scene = coarse(scene)
+        return self._solved(scene, _evidence(scene, scans, settings), settings)[1]
 
-def _solved(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Problem, Solution]:
-    """The problem and its solution; recent ones are kept, since `predict` follows `register` on the same scans."""
-    key = _content(scene) + b"".join(_scan_key(scan) for scan in scans) + repr(settings).encode()
-    return _solutions.get(key, lambda: _solve(scene, scans, settings))
+    def predict(
+        self, scene: Scene, scans: Sequence[Scan], settings: Settings, candidates: Sequence[Trajectory]
+    ) -> list[float]:
+        """m: the expected error after each candidate scan, given the scans so far.
 
+        Engines `paper` and `pcl` cannot tell: they answer the present expected error for each.
+        """
+        scene = coarse(scene)
+        ordered = _evidence(scene, scans, settings)
+        if settings.engine in (Engine.PAPER, Engine.PCL):
+            return [self.register(scene, ordered, settings).expected_error] * len(candidates)
+        problem, solution = self._solved(scene, ordered, settings)
+        cloud = pose_of(solution.x, scene.centroid).apply(scene.cloud)
+        centroid = scene.centroid + solution.x[3:]
 
-def _solve(scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Problem, Solution]:
-    model = _models.get(_content(scene), lambda: camera_model.build(scene))
-    problem = pose_problem(model, scans, settings.prior, settings.sensor)
-    if not scans:
-        return problem, Solution(np.zeros(6), settings.prior.covariance())
-    return problem, _doubted(SOLVERS[settings.engine](problem), problem, settings.prior)
+        def expected(candidate: Trajectory) -> float:
+            left = predicted_covariance(problem, solution.x, solution.covariance, candidate, settings.sensor)
+            return point_error(left, cloud, centroid)[0]
+
+        return self._resources.map(expected, candidates)
+
+    def _solved(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Problem, Solution]:
+        """The problem and its solution; recent ones are kept, since `predict` follows `register` on the same scans."""
+        key = _content(scene) + b"".join(_scan_key(scan) for scan in scans) + repr(settings).encode()
+        return self._solutions.get(key, lambda: self._solve(scene, scans, settings))
+
+    def _solve(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[Problem, Solution]:
+        model = self._models.get(_content(scene), lambda: camera_model.build(scene))
+        problem = pose_problem(model, scans, settings.prior, settings.sensor)
+        if not scans:
+            return problem, Solution(np.zeros(6), settings.prior.covariance())
+        solution = SOLVERS[settings.engine](problem, model, self._resources)
+        return problem, _doubted(solution, problem, settings.prior)
 
 
 def _doubted(solution: Solution, problem: Problem, prior: Prior) -> Solution:
@@ -111,8 +117,8 @@ def _doubted(solution: Solution, problem: Problem, prior: Prior) -> Solution:
     half of the returns agree with the answer, the samples are not of this object: the fewer, the more of the prior's
     covariance comes back.
     """
-    _, agrees = sample_residuals(solution.x, *problem.arguments())
-    hit = problem.beams[:, 6] > 0
+    _, agrees = sample_residuals(solution.x, problem)
+    hit = problem.beams.returned
     if hit.sum() >= _RETURNS:
         missing = max(0.0, 1.0 - float(agrees[hit].mean()) / _AGREEING)
         solution = replace(solution, covariance=solution.covariance + missing * prior.covariance())
@@ -138,7 +144,7 @@ def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
     correction = pose_of(x, scene.centroid)
     cloud = correction.apply(scene.cloud)
     expected, quantile = point_error(covariance, cloud, scene.centroid + x[3:])
-    residuals, inlier = sample_residuals(x, *problem.arguments())
+    residuals, inlier = sample_residuals(x, problem)
     places = (x, *solution.others)
     return Estimate(
         base_T_correction=correction,
@@ -148,7 +154,7 @@ def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
         error_quantile=float(quantile[0]),
         unobservable=weak_directions(covariance, cloud, scene.table.normal),
         inliers=int(inlier.sum()),
-        samples=len(problem.beams),
+        samples=len(problem.beams.weights),
         rmse=float(np.sqrt(np.mean(residuals[inlier] ** 2))) if inlier.any() else 0.0,
         modes=tuple(Mode(pose_of(place, scene.centroid), 1 / len(places)) for place in places),
     )

@@ -19,7 +19,7 @@ from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.wire.json import estimate_to_json
 from pretouch_registrar.engines import Engine
-from pretouch_registrar.registration import Settings, register
+from pretouch_registrar.registration import Registrar, Settings
 from pretouch_registrar.scan_files import Given, read_scan, read_target
 
 scan = typer.Typer(help="Scans in files.", no_args_is_help=True)
@@ -83,7 +83,7 @@ def _register(
     given = Given(Plane(np.array(table[:3]), table[3]) if table is not None else None, viewpoint, base_T_object)
     scene = read_target(target, given, told.print)
     scans = [read_scan(path, scene.table, told.print) for path in source]
-    estimate = register(scene, scans, settings)
+    estimate = Registrar().register(scene, scans, settings)
     if sum(len(each) for each in scans) and not estimate.samples:
         told.print("No sample lies near the target: are both in base, in metres?")
     if estimate.sensor_problem:

@@ -12,6 +12,7 @@ from pretouch.errors import InvalidInput
 from pretouch.serving import Kit
 from pretouch.v1 import registrar_pb2, registrar_pb2_grpc
 from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Registrar
 from pretouch_registrar.servicer import RegistrarServicer
 from pretouch_registrar.warm_up import warm_up
 
@@ -24,6 +25,7 @@ async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str,
     name = os.environ.get(ENGINE_VARIABLE) or Engine.POSTERIOR.value
     if name not in set(Engine):
         raise InvalidInput(f"{ENGINE_VARIABLE} is {name!r}.", f"Choose one of {', '.join(Engine)}.")
-    await kit.cpu(warm_up)
-    registrar_pb2_grpc.add_RegistrarServiceServicer_to_server(RegistrarServicer(kit, Engine(name)), server)
+    registrar = Registrar()
+    await kit.cpu(warm_up, registrar)
+    registrar_pb2_grpc.add_RegistrarServiceServicer_to_server(RegistrarServicer(kit, registrar, Engine(name)), server)
     yield (registrar_pb2.DESCRIPTOR.services_by_name["RegistrarService"].full_name,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
 import grpc
@@ -26,7 +26,7 @@ from pretouch.wire.common import (
 )
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.mesh_scene import mesh_scene
-from pretouch_registrar.registration import Settings, predict, register
+from pretouch_registrar.registration import Registrar, Settings
 
 MAX_TARGET_BYTES = 32 * 2**20
 MAX_STREAM_SCANS = 1000
@@ -48,6 +48,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     """Serves `Register`, `RegisterStream` and `PredictScans`; `default` is the engine for requests that name none."""
 
     kit: Kit
+    registrar: Registrar
     default: Engine
 
     async def Register(self, request: pb.RegisterRequest, context: grpc.aio.ServicerContext) -> pb.RegisterResponse:
@@ -56,7 +57,8 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     def _register(self, request: pb.RegisterRequest) -> pb.RegisterResponse:
         scans = [scan_from_proto(scan) for scan in request.scans]
         settings = settings_from_proto(request.settings, self.default)
-        return pb.RegisterResponse(estimate=estimate_to_proto(register(_target_of(request), scans, settings)))
+        estimate = self.registrar.register(_target_of(request), scans, settings)
+        return pb.RegisterResponse(estimate=estimate_to_proto(estimate))
 
     async def PredictScans(
         self, request: pb.PredictScansRequest, context: grpc.aio.ServicerContext
@@ -70,7 +72,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
             for c in request.candidates
         ]
         settings = settings_from_proto(request.settings, self.default)
-        errors = predict(_target_of(request), scans, settings, candidates)
+        errors = self.registrar.predict(_target_of(request), scans, settings, candidates)
         return pb.PredictScansResponse(expected_errors=errors)
 
     async def RegisterStream(
@@ -91,7 +93,8 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
             if len(scans) == MAX_STREAM_SCANS:
                 raise TooLarge(f"More than {MAX_STREAM_SCANS} scans came on one stream.", "Open a new stream.")
             scans.append(scan_from_proto(step.scan))
-            yield await self.kit.cpu(_answer, scene, tuple(scans), settings)
+            estimate = await self.kit.cpu(self.registrar.register, scene, tuple(scans), settings)
+            yield pb.RegisterStreamResponse(estimate=estimate_to_proto(estimate))
 
 
 async def _collect(steps: AsyncIterator[pb.RegisterStreamRequest], size: int) -> bytes:
@@ -129,7 +132,3 @@ def _target_of(request: pb.RegisterRequest | pb.PredictScansRequest) -> Scene:
     if request.WhichOneof("target") == "mesh":
         return mesh_scene(mesh_from_proto(request.mesh))
     return scene_from_proto(request.scene)
-
-
-def _answer(scene: Scene, scans: Sequence[Scan], settings: Settings) -> pb.RegisterStreamResponse:
-    return pb.RegisterStreamResponse(estimate=estimate_to_proto(register(scene, scans, settings)))

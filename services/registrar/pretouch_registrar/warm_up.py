@@ -12,10 +12,10 @@ from pretouch.tof import Scan
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.mesh_scene import mesh_scene
-from pretouch_registrar.registration import Settings, predict, register
+from pretouch_registrar.registration import Registrar, Settings
 
 
-def warm_up() -> None:
+def warm_up(registrar: Registrar) -> None:
     """Runs each kernel of every engine once, in the types of real requests."""
     depth = np.full((40, 40), 0.8, dtype=np.float32)
     depth[12:28, 12:28] = 0.75
@@ -36,7 +36,7 @@ def warm_up() -> None:
     ranges[0] = np.nan
     scan = Scan(tip[:, :3, 3], tip[:, :3, 2], ranges)
     for engine in Engine:
-        register(scene, [scan], Settings(engine))
+        registrar.register(scene, [scan], Settings(engine))
     triangle = np.array([[0.0, 0.0, 0.05], [0.05, 0.0, 0.05], [0.0, 0.05, 0.05]])
     mesh_scene(MeshTarget(triangle, np.array([[0, 1, 2]]), Pose.identity(), scene.table))
-    predict(scene, [scan], Settings(), [Trajectory(np.arange(24.0), tip)])
+    registrar.predict(scene, [scan], Settings(), [Trajectory(np.arange(24.0), tip)])

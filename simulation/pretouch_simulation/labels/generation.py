@@ -12,7 +12,7 @@ from pretouch_detector.proposals.random import candidates
 from pretouch_detector.training import trials
 from pretouch_detector.training.dataset import Dataset, Example, write
 from pretouch_registrar.engines import Engine
-from pretouch_registrar.engines.batch import Matching
+from pretouch_registrar.engines.label_trials import Matching
 
 from pretouch.errors import InvalidInput, PretouchError
 from pretouch.geometry import Array
@@ -23,7 +23,7 @@ from pretouch_simulation.labels.task import ViewTask
 from pretouch_simulation.labels.view import LabelView
 from pretouch_simulation.protocol import generator
 
-MATCHINGS = {Engine.PAPER: Matching.PAPER, Engine.MAP: Matching.MAP, Engine.PCL: Matching.PCL}
+MATCHINGS = {Engine.PAPER: Matching.PAPER, Engine.POINT_TO_PLANE: Matching.POINT_TO_PLANE, Engine.PCL: Matching.PCL}
 """The engines whose kernels Algorithm 1 can use."""
 
 

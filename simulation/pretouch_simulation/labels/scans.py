@@ -13,7 +13,7 @@ import numpy as np
 from pretouch_orchestrator.path import plan_paths
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.engines.solution import pose_of
-from pretouch_registrar.registration import Settings, predict, solution_of
+from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.estimate import from_prior, point_error
 from pretouch.geometry import Array, Pose
@@ -33,12 +33,14 @@ class Scoring:
     Attributes:
         trials: of each rectangle.
         seed: of calibration errors and noise.
+        registrar: which answers; it keeps the view's model from trial to trial.
     """
 
     trials: int = 1
     engine: Engine = Engine.POSTERIOR
     finger: Finger = field(default_factory=ThinBeam)
     seed: int = 0
+    registrar: Registrar = field(default_factory=Registrar, repr=False, compare=False)
 
     @property
     def settings(self) -> Settings:
@@ -55,7 +57,7 @@ def foreseen(view: LabelView, paths: Sequence[Trajectory | None], scoring: Scori
     settings = scoring.settings
     left = np.full(len(paths), from_prior(settings.prior, view.scene.cloud).expected_error)
     there = [path for path in paths if path is not None]
-    left[[path is not None for path in paths]] = predict(view.scene, [], settings, there)
+    left[[path is not None for path in paths]] = scoring.registrar.predict(view.scene, [], settings, there)
     return left
 
 
@@ -80,7 +82,7 @@ def after_scan(
     scene, settings = view.scene, scoring.settings
     if path is None:
         return mean_error(scene.cloud, truth, Pose.identity()), from_prior(settings.prior, scene.cloud).expected_error
-    solution = solution_of(scene, [view.scanned(truth, path, scoring.finger, rng)], settings)
+    solution = scoring.registrar.solution_of(scene, [view.scanned(truth, path, scoring.finger, rng)], settings)
     correction = pose_of(solution.x, scene.centroid)
     left, _ = point_error(solution.covariance, correction.apply(scene.cloud), scene.centroid + solution.x[3:])
     return mean_error(scene.cloud, truth, correction), left

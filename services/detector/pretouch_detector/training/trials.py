@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pretouch_registrar.engines import camera_model
-from pretouch_registrar.engines.batch import Matching, Trials, View, best, scores
+from pretouch_registrar.engines.label_trials import Matching, Trials, View, best, scores
 
 from pretouch.geometry import Array, rotation_from_vector, vector_from_rotation
 from pretouch.scene import Scene
@@ -75,7 +75,7 @@ def offsets(count: int, rng: np.random.Generator) -> Array:
 def view_of(scene: Scene, matching: Matching) -> View:
     """The scene's cloud in the camera's frame, with normals where the matching needs them."""
     cloud = scene.camera.organised(scene.depth.metres)
-    if matching is not Matching.MAP:
+    if matching is not Matching.POINT_TO_PLANE:
         return View(cloud, scene.mask, scene.camera)
-    planes = camera_model.build(scene).pixels[..., :3].astype(np.float64)
-    return View(cloud, scene.mask, scene.camera, scene.base_T_camera.inverse().rotate(planes))
+    normals = camera_model.build(scene).pixels.surface.normals.astype(np.float64)
+    return View(cloud, scene.mask, scene.camera, scene.base_T_camera.inverse().rotate(normals))

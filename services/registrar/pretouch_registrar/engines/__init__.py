@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import StrEnum
 
-from pretouch_registrar.engines import map as most_probable
-from pretouch_registrar.engines import paper, pcl, posterior
+from pretouch_registrar.engines import paper, pcl, point_to_plane, posterior
+from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.solution import Solution
 
 
@@ -15,14 +16,14 @@ class Engine(StrEnum):
     """The engines; each is described in the module of its name."""
 
     POSTERIOR = "posterior"
-    MAP = "map"
+    POINT_TO_PLANE = "point_to_plane"
     PAPER = "paper"
     PCL = "pcl"
 
 
-SOLVERS: dict[Engine, Callable[[Problem], Solution]] = {
+SOLVERS: dict[Engine, Callable[[Problem, CameraModel, Resources], Solution]] = {
     Engine.POSTERIOR: posterior.solve,
-    Engine.MAP: most_probable.solve,
+    Engine.POINT_TO_PLANE: point_to_plane.solve,
     Engine.PAPER: paper.solve,
     Engine.PCL: pcl.solve,
 }

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from pretouch.geometry import Array
 from pretouch.scene import Scene
+from pretouch_registrar.engines.plane_fits import fit_planes
 
 UNSEEN, OBJECT, TABLE, OTHER = 0, 1, 2, 3
 """Kinds of a pixel: no depth, the object, the table, or something else that stands about."""
@@ -21,18 +22,12 @@ _FIT_BAND = 0.0035
 """m: residual at which a neighbour counts little in a plane fit."""
 _MAX_STEPS = 4
 """Neighbours on each side of a plane fit; wider windows are thinned out to this many."""
-
-
-PLANE, POINT, FRONT_PLANE, FRONT_POINT, TO_SURFACE, KIND = 0, 4, 7, 11, 14, 15
-"""Where a pixel's fields begin, see `CameraModel.pixels`."""
 NOWHERE = 1e6
 """m: plane and point of a front layer where there is none; finite, since the kernels know no infinity."""
 _LAYER_GAP = 0.015
 """m: a surface this far before another one that is seen right beside it is a front layer, such as a cup's near rim."""
 _LAYER_REACH = 0.008
 """m across the view in which the two layers are looked for: a depth camera is blind for some pixels between them."""
-TOP, INSIDE, OUTWARD, LOW, HIGH, FACING, NEARBY = 0, 1, 2, 4, 5, 6, 7
-"""Which layer holds a cell's field, see `CameraModel.footprint`."""
 CELL = 0.003
 """m: side of a cell of the footprint."""
 _AROUND = 14
@@ -43,26 +38,71 @@ _CONE = 8
 """Cells about a cell that a ray may cross before it meets the surface."""
 
 
-@dataclass(frozen=True, eq=False)
-class CameraModel:
-    """One scene's surface, in base as the camera puts it.
+class Surface(NamedTuple):
+    """The plane n . p = d that each pixel of an image (h, w) stands for, and the point seen; base frame, float32.
 
     Attributes:
-        pixels: (h, w, 16) float32. Per pixel: the plane n . p = d of the surface seen there, smoothed (n towards the
-            camera, d in m), and its point (3), m; where neither the object nor something else is seen, those of the
-            nearest object pixel; plane and point of the nearest pixel of the object's front layers,
-            NOWHERE without any; distance to the pixel that the plane was taken from, px; the pixel's kind.
-        footprint: (8, nx, ny) float32, the object seen from above in cells of the table's plane. Per cell: height of
-            the highest seen point above the table, m, below 0 where there is none; distance to the nearest cell
-            without, m; unit vector (x, y) from here towards it; the lowest and the highest that the surface can be
-            here, m above the table, equal where it was seen; cosine of its slope; the highest it can be nearby.
-        frame: (8,): the table's x axis (3) and y axis (3) in base, and the footprint's first corner (x, y), m.
+        normals: (h, w, 3), unit, towards the camera.
+        offsets: (h, w), m.
+        points: (h, w, 3), m.
     """
 
+    normals: NDArray[np.float32]
+    offsets: NDArray[np.float32]
+    points: NDArray[np.float32]
+
+
+class Pixels(NamedTuple):
+    """What the camera saw, pixel by pixel.
+
+    Attributes:
+        surface: what was seen there, smoothed; where neither the object nor something else is seen, that of the
+            nearest object pixel.
+        front: that of the nearest pixel of the object's front layers; NOWHERE without any.
+        distances: (h, w) float32, px, to the pixel that `surface` was taken from.
+        kinds: (h, w) int8, UNSEEN, OBJECT, TABLE or OTHER.
+    """
+
+    surface: Surface
+    front: Surface
+    distances: NDArray[np.float32]
+    kinds: NDArray[np.int8]
+
+
+class Footprint(NamedTuple):
+    """The object seen from above, in float32 cells (nx, ny) of side CELL in the table's plane.
+
+    Attributes:
+        top: m above the table, of the highest point seen; below 0 where there is none.
+        inside: m to the nearest cell without.
+        outward_x, outward_y: unit vector from here towards it.
+        low, high: m above the table, the lowest and the highest that the surface can be here, equal where it was seen.
+        facing: cosine of its slope.
+        nearby: m above the table, the highest that it can be nearby.
+        x_axis, y_axis: (3,) float64, unit, the table's axes in base.
+        corner: (2,) float64, m along them, where the first cell begins.
+    """
+
+    top: NDArray[np.float32]
+    inside: NDArray[np.float32]
+    outward_x: NDArray[np.float32]
+    outward_y: NDArray[np.float32]
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+    facing: NDArray[np.float32]
+    nearby: NDArray[np.float32]
+    x_axis: Array
+    y_axis: Array
+    corner: Array
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """One scene's surface, in base as the camera puts it."""
+
     scene: Scene
-    pixels: NDArray[np.float32]
-    footprint: NDArray[np.float32]
-    frame: Array
+    pixels: Pixels
+    footprint: Footprint
 
 
 def build(scene: Scene) -> CameraModel:
@@ -76,18 +116,37 @@ def build(scene: Scene) -> CameraModel:
     stride = max(1, round(_FIT_RADIUS * px_per_m / _MAX_STEPS))
     steps = max(2, round(_FIT_RADIUS * px_per_m / stride))
     solid = (kind == OBJECT) | (kind == OTHER)
-    depth, normals = _fit_planes(metres, solid, camera.fx, camera.fy, camera.cx, camera.cy, steps, stride, _FIT_BAND)
+    depth, normals = fit_planes(metres, solid, camera.fx, camera.fy, camera.cx, camera.cy, steps, stride, _FIT_BAND)
     points = scene.base_T_camera.apply(camera.organised(depth))
     normals = scene.base_T_camera.rotate(normals)
-    surface = np.concatenate([normals, np.einsum("ijk,ijk->ij", normals, points)[..., None], points], axis=2)
+    offsets = np.einsum("ijk,ijk->ij", normals, points)
     distance, nearest = _nearest(mask)
     own = kind == OTHER
     nearest[:, own], distance[own] = np.indices(mask.shape)[:, own], 0.0
     layers = _front_layers(metres, mask, round(_LAYER_REACH * px_per_m))
-    front = surface[tuple(_nearest(layers)[1])] if layers.any() else np.full(surface.shape, NOWHERE)
-    fields = [surface[tuple(nearest)], front, distance[..., None], kind[..., None]]
-    footprint, frame = _footprint(scene, points[mask], metres, kind)
-    return CameraModel(scene, np.ascontiguousarray(np.concatenate(fields, axis=2), dtype=np.float32), footprint, frame)
+    pixels = Pixels(
+        _taken(normals, offsets, points, nearest),
+        _taken(normals, offsets, points, _nearest(layers)[1]) if layers.any() else _nowhere(mask.shape),
+        _single(distance),
+        np.ascontiguousarray(kind, dtype=np.int8),
+    )
+    return CameraModel(scene, pixels, _footprint(scene, points[mask], metres, kind))
+
+
+def _taken(normals: Array, offsets: Array, points: Array, nearest: NDArray[np.int32]) -> Surface:
+    """That of the pixels (v, u) (2, h, w) in each pixel's place."""
+    v, u = nearest
+    return Surface(_single(normals[v, u]), _single(offsets[v, u]), _single(points[v, u]))
+
+
+def _nowhere(shape: tuple[int, ...]) -> Surface:
+    """A surface far from everything in each pixel of an image (h, w)."""
+    vectors = np.full((*shape, 3), NOWHERE, dtype=np.float32)
+    return Surface(vectors, np.full(shape, NOWHERE, dtype=np.float32), vectors)
+
+
+def _single(values: Array) -> NDArray[np.float32]:
+    return np.ascontiguousarray(values, dtype=np.float32)
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int32]]:
@@ -102,10 +161,8 @@ def _front_layers(metres: Array, mask: NDArray[np.bool_], reach: int) -> NDArray
     return np.asarray(mask & (farthest - metres > _LAYER_GAP))
 
 
-def _footprint(
-    scene: Scene, points: Array, metres: Array, kind: NDArray[np.int64]
-) -> tuple[NDArray[np.float32], Array]:
-    """The object's surface points (n, 3) from above, as `CameraModel.footprint` and `CameraModel.frame`."""
+def _footprint(scene: Scene, points: Array, metres: Array, kind: NDArray[np.int64]) -> Footprint:
+    """The object's surface points (n, 3) from above."""
     axes = scene.table.frame().rotation
     xy = points @ axes[:, :2]
     corner = xy.min(axis=0) - _AROUND * CELL
@@ -124,8 +181,19 @@ def _footprint(
     slope = np.hypot(*np.gradient(smooth, CELL))
     facing = 1.0 / np.sqrt(1.0 + slope**2)
     nearby = ndimage.maximum_filter(high, size=2 * _CONE + 1)
-    fields = np.stack([top, inside * CELL, *outward, low, high, facing, nearby])
-    return np.ascontiguousarray(fields, dtype=np.float32), np.concatenate([axes[:, 0], axes[:, 1], corner])
+    return Footprint(
+        _single(top),
+        _single(inside * CELL),
+        _single(outward[0]),
+        _single(outward[1]),
+        _single(low),
+        _single(high),
+        _single(facing),
+        _single(nearby),
+        axes[:, 0].copy(),
+        axes[:, 1].copy(),
+        corner,
+    )
 
 
 def _upper_mean(top: Array, cells: NDArray[np.int64], heights: Array) -> Array:
@@ -167,85 +235,3 @@ def _heights(
             break
     high[i, j] = np.maximum(high[i, j], bound)
     return low, high
-
-
-@njit(cache=True)
-def _fit_planes(
-    metres: Array,
-    mask: NDArray[np.bool_],
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    steps: int,
-    stride: int,
-    band: float,
-) -> tuple[Array, Array]:
-    """Robust plane fits around each object pixel: its smoothed depth (h, w) and normal (h, w, 3), camera frame.
-
-    A plane is linear in inverse depth over the image, 1/z = a u + b v + c, and a disparity camera's noise is constant
-    there; three rounds of weighted least squares, weights by distance and by residual.
-    """
-    h, w = metres.shape
-    depth = metres.copy()
-    normals = np.zeros((h, w, 3))
-    for i in range(h):
-        for j in range(w):
-            if not mask[i, j]:
-                continue
-            z0 = metres[i, j]
-            a, b, c = 0.0, 0.0, 1.0 / z0
-            band_inverse = band / (z0 * z0)
-            for turn in range(3):
-                limit = band_inverse * (2.5 if turn == 0 else 1.0)
-                s = suu = svv = suv = su = sv = sy = suy = svy = 0.0
-                for di in range(-steps, steps + 1):
-                    y = i + di * stride
-                    if y < 0 or y >= h:
-                        continue
-                    for dj in range(-steps, steps + 1):
-                        x = j + dj * stride
-                        if x < 0 or x >= w or not mask[y, x]:
-                            continue
-                        u, v = float(dj * stride), float(di * stride)
-                        value = 1.0 / metres[y, x]
-                        residual = (value - (a * u + b * v + c)) / limit
-                        q = residual * residual
-                        if q > 9.0:
-                            continue
-                        weight = np.exp(-0.5 * q - 1.4 * (di * di + dj * dj) / (steps * steps))
-                        s += weight
-                        su += weight * u
-                        sv += weight * v
-                        suu += weight * u * u
-                        svv += weight * v * v
-                        suv += weight * u * v
-                        sy += weight * value
-                        suy += weight * u * value
-                        svy += weight * v * value
-                if s < 2.5:
-                    break
-                mu, mv, my = su / s, sv / s, sy / s
-                cuu = suu / s - mu * mu + 0.02 * stride * stride
-                cvv = svv / s - mv * mv + 0.02 * stride * stride
-                cuv = suv / s - mu * mv
-                cuy = suy / s - mu * my
-                cvy = svy / s - mv * my
-                det = cuu * cvv - cuv * cuv
-                if det < 1e-9:
-                    break
-                a = (cuy * cvv - cvy * cuv) / det
-                b = (cvy * cuu - cuy * cuv) / det
-                c = my - a * mu - b * mv
-            if c > 0 and abs(1.0 / c - z0) < 0.015 * z0:
-                depth[i, j] = 1.0 / c
-            nx = a * fx
-            ny = b * fy
-            nz = c + a * (cx - j) + b * (cy - i)
-            norm = np.sqrt(nx * nx + ny * ny + nz * nz)
-            if norm < 1e-12:
-                nz, norm = 1.0, 1.0
-            normals[i, j, 0] = -nx / norm
-            normals[i, j, 1] = -ny / norm
-            normals[i, j, 2] = -nz / norm
-    return depth, normals

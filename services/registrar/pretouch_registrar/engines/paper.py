@@ -11,17 +11,21 @@ import numpy as np
 
 from pretouch.geometry import Array, Pose
 from pretouch_registrar.engines import icp
+from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.neighbours import Index, index_of, thinned
 from pretouch_registrar.engines.problem import Problem
-from pretouch_registrar.engines.returns import OncePerModel, matched
+from pretouch_registrar.engines.resources import Resources
+from pretouch_registrar.engines.returns import matched
 from pretouch_registrar.engines.solution import Solution
 
-_index: OncePerModel[Index] = OncePerModel(lambda model: index_of(thinned(model.scene.cloud)))
 
-
-def solve(problem: Problem) -> Solution:
+def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solution:
     """The match of the returns above the table with the object's cloud; the prior where there is none."""
-    return matched(problem, lambda source: _match(source, _index(problem.model)))
+    return matched(problem, lambda source: _match(source, resources.of_model(model, _index)))
+
+
+def _index(model: CameraModel) -> Index:
+    return index_of(thinned(model.scene.cloud))
 
 
 def align(source: Array, target: Array) -> Pose | None:

@@ -21,10 +21,12 @@ import numpy as np
 from numba import njit
 
 from pretouch.geometry import Array, Pose
+from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MAX_ROUNDS
 from pretouch_registrar.engines.neighbours import Index, find, index_of, no_pairs, thinned
 from pretouch_registrar.engines.problem import Problem
-from pretouch_registrar.engines.returns import OncePerModel, matched
+from pretouch_registrar.engines.resources import Resources
+from pretouch_registrar.engines.returns import matched
 from pretouch_registrar.engines.rigid import fit
 from pretouch_registrar.engines.solution import Solution
 
@@ -35,12 +37,14 @@ _MAX_SHIFT_SQUARED = 1e-8
 _SAME_ERROR = 1e-12
 _SAME_SHARE = 1e-6
 
-_index: OncePerModel[Index] = OncePerModel(lambda model: index_of(_single(thinned(model.scene.cloud))))
 
-
-def solve(problem: Problem) -> Solution:
+def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solution:
     """The match of the returns above the table with the object's cloud; the prior where there is none."""
-    return matched(problem, lambda source: _match(source, _index(problem.model)))
+    return matched(problem, lambda source: _match(source, resources.of_model(model, _index)))
+
+
+def _index(model: CameraModel) -> Index:
+    return index_of(_single(thinned(model.scene.cloud)))
 
 
 def align(source: Array, target: Array) -> Pose | None:

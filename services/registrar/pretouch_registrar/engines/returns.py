@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable
-from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array, Pose
-from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.problem import Problem
 from pretouch_registrar.engines.solution import Solution, correction_of
 
@@ -21,14 +18,12 @@ MAX_SOURCE = 5000
 _LINE = 0.002
 """m: points that spread less than this across their longest axis are no more than a line and its noise."""
 
-T = TypeVar("T")
-
 
 def object_returns(problem: Problem) -> NDArray[np.intp]:
-    """Rows of `problem.beams` whose returns are the object's."""
-    beams = problem.beams
-    above = beams[:, :3] @ problem.table[:3] - problem.table[3] > OBJECT_HEIGHT
-    rows = np.flatnonzero((beams[:, 6] > 0) & above)
+    """Numbers of the beams whose returns are the object's."""
+    beams, table = problem.beams, problem.target.table
+    above = beams.points @ table.normal - table.offset > OBJECT_HEIGHT
+    rows = np.flatnonzero(beams.returned & above)
     return rows[:: max(1, -(-len(rows) // MAX_SOURCE))]
 
 
@@ -46,23 +41,8 @@ def matched(problem: Problem, match: Callable[[Array], Pose | None]) -> Solution
     `match` gives `scene_T_base` for points (n, 3), m, or None.
     """
     prior = np.diag(1.0 / problem.prior)
-    source = problem.beams[object_returns(problem), :3]
+    source = problem.beams.points[object_returns(problem)]
     scene_T_base = None if fixes_no_turn(source) else match(source)
     if scene_T_base is None:
         return Solution(np.zeros(6), prior)
-    return Solution(correction_of(scene_T_base.inverse(), problem.centroid), prior)
-
-
-class OncePerModel(Generic[T]):
-    """Keeps what is worked out from a camera model for as long as that model lives."""
-
-    def __init__(self, make: Callable[[CameraModel], T]) -> None:
-        self._make = make
-        self._kept: weakref.WeakKeyDictionary[CameraModel, T] = weakref.WeakKeyDictionary()
-
-    def __call__(self, model: CameraModel) -> T:
-        """The result for `model`; two threads may make the same one at the same time."""
-        known = self._kept.get(model)
-        if known is None:
-            known = self._kept[model] = self._make(model)
-        return known
+    return Solution(correction_of(scene_T_base.inverse(), problem.target.centroid), prior)

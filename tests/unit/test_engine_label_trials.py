@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pretouch_registrar.engines import icp
-from pretouch_registrar.engines.batch import Matching, Trials, View, best, scores
+from pretouch_registrar.engines.label_trials import Matching, Trials, View, best, scores
 from pretouch_registrar.engines.neighbours import index_of
 from scenes import Box, World
 
@@ -78,7 +78,7 @@ def test_without_a_point_on_the_perimeter_nothing_is_gained(view: View, offsets:
 
 def test_what_cannot_be_scored_is_refused(view: View, rectangles: Array, offsets: Array) -> None:
     with pytest.raises(PretouchError, match="normals"):
-        scores(View(view.cloud, view.mask, view.camera), rectangles, offsets, Trials(Matching.MAP))
+        scores(View(view.cloud, view.mask, view.camera), rectangles, offsets, Trials(Matching.POINT_TO_PLANE))
     with pytest.raises(PretouchError, match="no rectangle"):
         scores(view, np.zeros((0, 5)), offsets, Trials())
     with pytest.raises(PretouchError, match="mask"):

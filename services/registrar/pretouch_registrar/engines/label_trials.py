@@ -25,18 +25,16 @@ from pretouch.camera import Camera
 from pretouch.errors import InvalidInput
 from pretouch.estimate import Prior
 from pretouch.geometry import Array, frozen_array, rotations_from_vectors
-from pretouch_registrar.engines import icp, pcl
-from pretouch_registrar.engines import map as most_probable
+from pretouch_registrar.engines import icp, pcl, point_to_plane, so3
 from pretouch_registrar.engines.neighbours import Index, index_of
 from pretouch_registrar.engines.perimeter import among_blocks, around_perimeter, blocks, in_tiles
-from pretouch_registrar.engines.turns import rotation_of
 
 _CHUNK = 8
 """Rectangles that a thread takes at a time."""
 _PILOT = 16
 """Rectangles that are scored whole before any is given up."""
 _PLANE_NOISE = 0.0025
-"""m: of a distance along a normal, when matching is MAP: the sensor's and the surface's."""
+"""m: of a distance along a normal, when matching is point to plane: the sensor's and the surface's."""
 
 
 class Matching(IntEnum):
@@ -45,7 +43,7 @@ class Matching(IntEnum):
     PLAIN = 0
     PAPER = 1
     PCL = 2
-    MAP = 3
+    POINT_TO_PLANE = 3
 
 
 @dataclass(frozen=True)
@@ -53,10 +51,10 @@ class Trials:
     """What happens in each trial.
 
     Attributes:
-        matching: MAP needs the image's normals.
+        matching: point to plane needs the image's normals.
         noise: m, standard deviation of the source's noise, each axis.
         on, near: px, how far from the perimeter the source's and the target's points may project.
-        prior: of the offset, when matching is MAP.
+        prior: of the offset, when matching is point to plane.
         seed: of the noise.
     """
 
@@ -76,7 +74,7 @@ class View:
         cloud: (h, w, 3), m.
         mask: (h, w) bool, the object's points.
         camera: which projects them.
-        normals: (h, w, 3), unit; only MAP needs them.
+        normals: (h, w, 3), unit; only point to plane needs them.
 
     Raises:
         InvalidInput: no object point, or shapes that differ.
@@ -153,9 +151,9 @@ class _Work:
         self.moves = np.ascontiguousarray(frozen_array(offsets, (None, 6), "offsets"))
         if not len(self.boxes) or not len(self.moves):
             raise InvalidInput("There is no rectangle or no offset.", "Give at least one of each.")
-        if trials.matching is Matching.MAP and view.normals is None:
+        if trials.matching is Matching.POINT_TO_PLANE and view.normals is None:
             raise InvalidInput(
-                "Matching by MAP needs the view's normals.", "Give View.normals, or choose another matching."
+                "Matching point to plane needs the view's normals.", "Give View.normals, or choose another matching."
             )
         self._trials, self._threads, self._first = trials, threads or os.cpu_count() or 1, first
         points = np.ascontiguousarray(view.cloud[view.mask], dtype=np.float64)
@@ -255,9 +253,9 @@ def _match(
     if matching == 2:
         pcl.match(source, index, r, t)
     elif matching == 3:
-        x = np.zeros(6)
-        most_probable.match(source, np.ones(source.shape[0]), index, surface, centre, prior, _PLANE_NOISE, x)
-        turn = rotation_of(x[:3])
+        x, planes = np.zeros(6), point_to_plane.Planes(index, surface)
+        point_to_plane.match(source, np.ones(source.shape[0]), planes, centre, prior, _PLANE_NOISE, x)
+        turn = so3.exp(x[:3])
         for j in range(3):
             for k in range(3):
                 r[j, k] = turn[k, j]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pretouch_registrar.observability import FREE_STD, weak_directions
 from pretouch_registrar.revolution import axis_of_revolution
-from pretouch_registrar.weak import FREE_STD, weak_directions
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import make_case
 from scenes import Box, World

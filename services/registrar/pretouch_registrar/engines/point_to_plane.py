@@ -1,4 +1,6 @@
-"""Engine `map`: damped point-to-plane ICP, the most probable correction of surface points under the calibration prior.
+"""Engine `point_to_plane`: the most probable correction of surface points under the calibration prior.
+
+By damped point-to-plane ICP.
 
 Each return above the table is matched with the nearest point of the camera's smoothed surface; its distance along that
 point's normal counts, the less the further apart the two are (Geman-McClure weights). Gauss-Newton steps with the
@@ -13,17 +15,21 @@ tell. A cloud of more than `neighbours.MAX_TARGET` points is thinned out.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.camera_model import PLANE, POINT, CameraModel
-from pretouch_registrar.engines.neighbours import Index, find, index_of, no_pairs, thinned
+from pretouch_registrar.engines import so3
+from pretouch_registrar.engines.camera_model import CameraModel
+from pretouch_registrar.engines.correction import carried_back
+from pretouch_registrar.engines.neighbours import Index, Pairs, find, index_of, no_pairs, thinned
 from pretouch_registrar.engines.problem import EDGE_STD, Problem
-from pretouch_registrar.engines.returns import OncePerModel, object_returns
+from pretouch_registrar.engines.resources import Resources
+from pretouch_registrar.engines.returns import object_returns
+from pretouch_registrar.engines.robust_kernel import robust_weight
 from pretouch_registrar.engines.solution import Solution
-from pretouch_registrar.engines.turns import rotation_of, vector_of
 
 MAX_DISTANCE = 0.03
 """m: pairs further apart are not considered."""
@@ -45,30 +51,43 @@ _OVERCONFIDENCE = 5.0
 """The information is divided by this; chosen for coverage on training meshes."""
 
 
-def solve(problem: Problem) -> Solution:
+class Planes(NamedTuple):
+    """A target whose points know their normals: the index of m points, and normals (m, 3) in its order."""
+
+    target: Index
+    normals: Array
+
+
+class _Matched(NamedTuple):
+    """Points (n, 3), m, what each is worth (n,), where the camera would have put them (n, 3), and their neighbours."""
+
+    points: Array
+    weights: Array
+    carried: Array
+    pairs: Pairs
+
+
+def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solution:
     """The most probable correction and its covariance."""
-    index, normals = _surface(problem.model)
-    source = problem.beams[object_returns(problem), :3]
+    source = problem.beams.points[object_returns(problem)]
     x = np.zeros(6)
-    spot = 2.0 * np.sqrt(max(0.0, problem.noise[2] ** 2 - EDGE_STD**2))
+    spot = 2.0 * np.sqrt(max(0.0, problem.noise.edge**2 - EDGE_STD**2))
     shares = shared(source, _PATCH + 2.0 * spot)
-    information = match(source, shares, index, normals, problem.centroid, problem.prior, float(problem.noise[0]), x)
+    planes, centroid = resources.of_model(model, _planes), problem.target.centroid
+    information = match(source, shares, planes, centroid, problem.prior, problem.noise.surface, x)
     covariance = np.linalg.inv(information / _OVERCONFIDENCE + np.diag(problem.prior))
     return Solution(x, np.asarray(covariance, dtype=np.float64))
 
 
-def surface_of(points: Array, normals: Array) -> tuple[Index, Array]:
-    """What `match` takes as the target: the index of points (m, 3), and their normals (m, 3) in its order."""
+def planes_of(points: Array, normals: Array) -> Planes:
+    """What `match` takes as the target, of points (m, 3), m, and their normals (m, 3)."""
     index = index_of(thinned(points))
-    return index, np.ascontiguousarray(thinned(normals)[index.order])
+    return Planes(index, np.ascontiguousarray(thinned(normals)[index.order]))
 
 
-def _of_model(model: CameraModel) -> tuple[Index, Array]:
-    pixels = model.pixels[model.scene.mask].astype(np.float64)
-    return surface_of(pixels[:, POINT : POINT + 3], pixels[:, PLANE : PLANE + 3])
-
-
-_surface: OncePerModel[tuple[Index, Array]] = OncePerModel(_of_model)
+def _planes(model: CameraModel) -> Planes:
+    mask, surface = model.scene.mask, model.pixels.surface
+    return planes_of(surface.points[mask].astype(np.float64), surface.normals[mask].astype(np.float64))
 
 
 def shared(source: Array, patch: float) -> Array:
@@ -80,15 +99,13 @@ def shared(source: Array, patch: float) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def match(
-    source: Array, shares: Array, index: Index, normals: Array, centroid: Array, prior: Array, noise: float, x: Array
-) -> Array:
+def match(source: Array, shares: Array, planes: Planes, centroid: Array, prior: Array, noise: float, x: Array) -> Array:
     """Moves the correction x (6,), about `centroid`, to the most probable one; returns what the points tell (6, 6).
 
     Args:
         source: (n, 3), m.
         shares: (n,) what each point is worth in the information that is returned, the prior's apart.
-        normals: (m, 3) of the target's points, in the order of `index`.
+        planes: the target.
         prior: (6,) inverse variances of the correction.
         noise: m, standard deviation of one distance.
     """
@@ -100,62 +117,54 @@ def match(
         step_over = max(1, min(int(factor), source.shape[0] // _FEWEST))
         some = source[::step_over].copy()
         weights = np.full(some.shape[0], min(1.0, WORTH / max(source.shape[0], 1)) * step_over)
-        pairs, carried = no_pairs(some.shape[0]), np.empty(some.shape)
+        matched = _Matched(some, weights, np.empty(some.shape), no_pairs(some.shape[0]))
         for _ in range(_ROUNDS):
-            r = rotation_of(x[:3])
-            _carry_back(r, x, some, centroid, carried)
-            find(carried, index, MAX_DISTANCE, pairs)
-            _equations(
-                r, x, some, weights, carried, index.points, normals, pairs.neighbour, pairs.distance, centroid,
-                noise * factor, information, gradient,
-            )  # fmt: skip
+            r = so3.exp(x[:3])
+            _pair(r, x, centroid, matched, planes)
+            _equations(r, x, centroid, matched, planes, noise * factor, information, gradient)
             for k in range(6):
                 information[k, k] += prior[k]
                 gradient[k] += prior[k] * x[k]
             step: Array = np.linalg.solve(information, -gradient).astype(np.float64)
-            x[:3] = vector_of(rotation_of(step[:3]) @ r)
+            x[:3] = so3.log(so3.exp(step[:3]) @ r)
             x[3:] += step[3:]
             if np.abs(step[3:]).max() + radius * np.abs(step[:3]).max() < _STILL * factor:
                 break
-    r = rotation_of(x[:3])
-    _carry_back(r, x, source, centroid, carried)
-    find(carried, index, MAX_DISTANCE, pairs)
-    _equations(
-        r, x, source, shares, carried, index.points, normals, pairs.neighbour, pairs.distance, centroid, noise,
-        information, gradient,
-    )  # fmt: skip
+    r = so3.exp(x[:3])
+    last = _Matched(source, shares, matched.carried, matched.pairs)
+    _pair(r, x, centroid, last, planes)
+    _equations(r, x, centroid, last, planes, noise, information, gradient)
     return information
 
 
 @njit(cache=True, nogil=True)
-def _carry_back(r: Array, x: Array, source: Array, centroid: Array, carried: Array) -> None:
-    """Fills `carried` (n, 3): where the camera would have put the source's points."""
-    for i in range(source.shape[0]):
-        y0 = source[i, 0] - centroid[0] - x[3]
-        y1 = source[i, 1] - centroid[1] - x[4]
-        y2 = source[i, 2] - centroid[2] - x[5]
-        for k in range(3):
-            carried[i, k] = r[0, k] * y0 + r[1, k] * y1 + r[2, k] * y2 + centroid[k]
+def _pair(r: Array, x: Array, centroid: Array, matched: _Matched, planes: Planes) -> None:
+    """Carries the points back by x (6,), with r = exp(w) (3, 3), and finds their neighbours."""
+    carried = matched.carried
+    for i in range(carried.shape[0]):
+        carried[i, 0], carried[i, 1], carried[i, 2] = carried_back(x, r, centroid, matched.points, i)
+    find(carried, planes.target, MAX_DISTANCE, matched.pairs)
 
 
 @njit(cache=True, nogil=True)
 def _equations(
-    r: Array, x: Array, source: Array, weights: Array, carried: Array, points: Array, normals: Array,
-    neighbour: NDArray[np.int32], distance: Array, centroid: Array, noise: float, information: Array, gradient: Array,
+    r: Array, x: Array, centroid: Array, matched: _Matched, planes: Planes, noise: float,
+    information: Array, gradient: Array,
 ) -> None:  # fmt: skip
     """Fills the information (6, 6) and gradient (6,) of a Gauss-Newton step, robust weights frozen, without a prior."""
+    source, carried, points, normals = matched.points, matched.carried, planes.target.points, planes.normals
     information[:] = 0.0
     gradient[:] = 0.0
     row = np.empty(6)
     for i in range(source.shape[0]):
-        j = neighbour[i]
+        j = matched.pairs.neighbour[i]
         if j < 0:
             continue
         n0, n1, n2 = normals[j, 0], normals[j, 1], normals[j, 2]
         e0, e1, e2 = carried[i, 0] - points[j, 0], carried[i, 1] - points[j, 1], carried[i, 2] - points[j, 2]
         residual = (n0 * e0 + n1 * e1 + n2 * e2) / noise
-        half = 0.5 * (distance[i] / noise) ** 2
-        weight = weights[i] * (_CAP / (_CAP + half)) ** 2
+        half = 0.5 * (matched.pairs.distance[i] / noise) ** 2
+        weight = matched.weights[i] * robust_weight(half, _CAP)
         g0 = (r[0, 0] * n0 + r[0, 1] * n1 + r[0, 2] * n2) / noise
         g1 = (r[1, 0] * n0 + r[1, 1] * n1 + r[1, 2] * n2) / noise
         g2 = (r[2, 0] * n0 + r[2, 1] * n1 + r[2, 2] * n2) / noise

@@ -1,4 +1,4 @@
-"""Rotation vectors in compiled code."""
+"""Rotations in compiled code: the exponential and the logarithm of SO(3)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pretouch.geometry import Array
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def rotation_of(w: Array) -> Array:
-    """exp of a rotation vector (3,), by Rodrigues' formula."""
+def exp(w: Array) -> Array:
+    """The rotation matrix (3, 3) of a rotation vector (3,), rad, by Rodrigues' formula."""
     angle = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     a, b = 1.0, 0.5
     if angle > 1e-8:
@@ -31,8 +31,8 @@ def rotation_of(w: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def vector_of(r: Array) -> Array:
-    """log of a rotation matrix (3, 3) by less than half a turn: its rotation vector (3,)."""
+def log(r: Array) -> Array:
+    """The rotation vector (3,), rad, of a rotation matrix (3, 3) by less than half a turn."""
     v = 0.5 * np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
     sine = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     if sine < 1e-9:

@@ -1,0 +1,94 @@
+"""Laplace's approximation: the covariance that the cost's curvature at a correction stands for.
+
+The curvature is that of the quadratic that fits the cost best over the spread of a covariance around the correction:
+least squares over fixed antithetic draws in whitened coordinates, so that odd terms cancel and the roughness of the
+cost averages out.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numba import njit
+
+from pretouch.geometry import Array
+from pretouch_registrar.engines.objective import normal_equations, spread_costs, total_costs
+from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.resources import Resources
+
+_ROUNDS = 2
+_PAIRS = 56
+"""Antithetic pairs of corrections that the curvature is taken from, each round."""
+
+
+@cache
+def curvature_draws() -> tuple[Array, Array]:
+    """Standard normal draws (_PAIRS, 6), and the least squares fit (22, _PAIRS) of a quadratic to values at them.
+
+    Its constant, then the coefficients of the products of components i <= j, row by row.
+    """
+    draws = np.random.default_rng(2).standard_normal((_PAIRS, 6))
+    first, second = np.triu_indices(6)
+    design = np.column_stack([np.ones(_PAIRS), draws[:, first] * draws[:, second]])
+    return draws, np.linalg.pinv(design)
+
+
+def covariance_at(problem: Problem, x: Array, temperature: float, resources: Resources) -> Array:
+    """The covariance (6, 6) that the cost's curvature at x (6,) stands for, at the scale of that covariance.
+
+    From the width that half the derivatives' information gives: wider, the saturated cost would look flat; narrower,
+    its roughness would look like curvature.
+    """
+    draws, fit = curvature_draws()
+    information, _, _ = normal_equations(x, problem.free())
+    covariance = _inverse(information / (2 * temperature) + np.diag(problem.prior))
+    for _ in range(_ROUNDS):
+        root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+        spread = draws @ root.T
+        costs = spread_costs(np.concatenate([x + spread, x - spread]), problem, resources)
+        coefficients = fit @ (0.5 * (costs[:_PAIRS] + costs[_PAIRS:]))
+        hessian = np.zeros((6, 6))
+        hessian[np.triu_indices(6)] = coefficients[1:]
+        values, turn = np.linalg.eigh(hessian + hessian.T)
+        hessian = (turn * np.maximum(values, 0.0)) @ turn.T
+        whiten = _inverse(root)
+        curvature = np.asarray(whiten.T @ hessian @ whiten, dtype=np.float64)
+        covariance = _inverse(curvature / temperature + np.diag(problem.prior))
+    return covariance
+
+
+@njit(cache=True, nogil=True)
+def covariance_after(
+    x: Array, problem: Problem, precision: Array, temperature: float, draws: Array, fit: Array
+) -> Array:
+    """The covariance (6, 6) at x (6,) of a normal density with `precision` (6, 6) after the beams of `problem`.
+
+    As `covariance_at`, compiled and on one thread, with the draws and the fit (21, _PAIRS), less the constant's row, of
+    `curvature_draws`; at first over the spread of four times the covariance that the derivatives give,
+    which see neither the edges nor where the cost saturates.
+    """
+    information, _, _ = normal_equations(x, problem)
+    covariance = np.linalg.inv(information / (4 * temperature) + precision)
+    for _ in range(_ROUNDS):
+        root = np.linalg.cholesky(covariance)
+        spread = draws @ root.T
+        costs = total_costs(np.concatenate((x + spread, x - spread)), problem)
+        coefficients = fit @ (0.5 * (costs[:_PAIRS] + costs[_PAIRS:]))
+        hessian = np.zeros((6, 6))
+        n = 0
+        for i in range(6):
+            for j in range(i, 6):
+                hessian[i, j] += coefficients[n]
+                hessian[j, i] += coefficients[n]
+                n += 1
+        values, turn = np.linalg.eigh(hessian)
+        hessian = (turn * np.maximum(values, 0.0)) @ turn.T / temperature
+        whiten = np.linalg.inv(root)
+        covariance = np.linalg.inv(whiten.T @ hessian @ whiten + precision)
+    result: Array = covariance.astype(np.float64)
+    return result
+
+
+def _inverse(matrix: Array) -> Array:
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)

@@ -1,0 +1,26 @@
+"""The robust kernel: what a residual costs, and how much it counts in a Gauss-Newton step.
+
+Geman and McClure's, "Statistical methods for tomographic image reconstruction" (1987): cost = cap s / (cap + s) with s
+half the squared normalised residual, which saturates smoothly at the cap.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+CAP_FRONT = 4.5
+"""Cap of what contradicts the camera's view: it would have seen it."""
+CAP_BEHIND = 1.8
+"""Cap of what may be a hidden side: behind a seen surface, but not below it."""
+
+
+@njit(cache=True, nogil=True, inline="always")
+def robust_cost(s: float, cap: float) -> float:
+    """Cost of half a squared normalised residual `s`."""
+    return cap * s / (cap + s)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def robust_weight(s: float, cap: float) -> float:
+    """Derivative of `robust_cost` by s: the weight of the residual in iteratively reweighted least squares."""
+    return (cap / (cap + s)) ** 2

@@ -1,0 +1,39 @@
+"""The best correction near a given one, by Levenberg's and Marquardt's damped Gauss-Newton steps on robust weights."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from pretouch.geometry import Array
+from pretouch_registrar.engines import so3
+from pretouch_registrar.engines.objective import normal_equations
+from pretouch_registrar.engines.problem import Problem
+
+_STEPS = 12
+
+
+@njit(cache=True, nogil=True)
+def refine(x: Array, problem: Problem) -> Array:
+    """The correction (6,) to which the steps lead from x (6,)."""
+    damping = 1e-3
+    information, gradient, cost = normal_equations(x, problem)
+    for _ in range(_STEPS):
+        damped = information.copy()
+        for k in range(6):
+            damped[k, k] *= 1.0 + damping
+        step: Array = np.linalg.solve(damped, -gradient).astype(np.float64)
+        turn: Array = so3.log(so3.exp(step[:3]) @ so3.exp(x[:3]))
+        moved = np.concatenate((turn, x[3:] + step[3:]))
+        new_information, new_gradient, new_cost = normal_equations(moved, problem)
+        if new_cost < cost:
+            gain = cost - new_cost
+            x, information, gradient, cost = moved, new_information, new_gradient, new_cost
+            damping = max(damping / 5, 1e-6)
+            if gain < 1e-4:
+                break
+        else:
+            damping *= 8
+            if damping > 1e4:
+                break
+    return x
