@@ -59,8 +59,6 @@ class Residuals:
         ridge: (REACH,), mean residual less that far from ridges, by the distance from a ridge in px; NaN: no pixel.
         missing: (REACH,), share without a depth by the distance from a silhouette before a far background, px.
         eaten: (REACH,), share with the background's depth, the same.
-        table: std of the residual of the table, its mean removed.
-        table_mean: of the table.
         outlines: (n,), px, of the true outline before a far background from that of the depth image.
         mask_outlines: (m,), px, of the outline of the client's mask, its holes filled, from the true one.
     """
@@ -72,8 +70,6 @@ class Residuals:
     ridge: Array
     missing: Array
     eaten: Array
-    table: float
-    table_mean: float
     outlines: Array
     mask_outlines: Array
 
@@ -87,8 +83,6 @@ def residuals(truth: Truth, measured: Array, mask: Mask, body: int = 0) -> Resid
     behind = far_silhouette(truth, of_object)
     from_far = np.where(of_object, ndimage.distance_transform_edt(~behind), 0.0)
     values = residual[near]
-    table = (truth.bodies == -1) & (measured > 0) & (np.abs(residual) < NEAR)
-    table &= ~ndimage.binary_dilation(truth.bodies >= 0, iterations=20)
     return Residuals(
         pixels=int(near.sum()),
         mean=float(values.mean()),
@@ -97,8 +91,6 @@ def residuals(truth: Truth, measured: Array, mask: Mask, body: int = 0) -> Resid
         ridge=_ridge_profile(truth, of_object, near & (inside > _MARGIN), residual),
         missing=_profile(from_far, of_object, measured == 0),
         eaten=_profile(from_far, of_object, (measured > 0) & (residual > NEAR)),
-        table=float(residual[table].std()),
-        table_mean=float(residual[table].mean()),
         outlines=_outlines(truth, of_object, measured),
         mask_outlines=_apart(mask, of_object),
     )
@@ -134,7 +126,7 @@ def _ridge_profile(truth: Truth, of_object: Mask, counted: Mask, residual: Array
     return _profile(distance + 1, counted, residual) - plain
 
 
-def _profile(distance: Array, counted: Mask, values: Array) -> Array:
+def _profile(distance: Array, counted: Mask, values: Array | Mask) -> Array:
     """(REACH,): mean of `values` in rings 1, 2, ... px away; NaN: no pixel there."""
     ring = np.clip(np.rint(distance[counted]).astype(np.int64), 0, REACH + 1)
     count = np.bincount(ring, minlength=REACH + 2)[1 : REACH + 1]

@@ -85,11 +85,14 @@ class WindowCamera:
         baseline: m to the right of the camera, of the projector or the second imager.
         focal: px, of the image in which disparity is measured: the camera's own.
         range: m; there is no depth outside.
+        registration: px of the camera's own image, standard deviation along each axis of what the whole depth image
+            is moved by; drawn once an image.
     """
 
     baseline: float
     focal: float
     range: tuple[float, float]
+    registration: float
     window: Window
     dropouts: Dropouts
     errors: DisparityErrors
@@ -112,7 +115,8 @@ class WindowCamera:
         disparity = self.errors.applied(matched, sight.bodies, scale, zoom, rng)
         metres = scale / np.maximum(disparity, 1e-6)
         good = (disparity > 0) & (metres >= self.range[0]) & (metres <= self.range[1])
-        depth = DepthImage(_registered(np.where(good, metres, 0.0), zoom).astype(np.float32))
+        shift = zoom * self.registration * rng.standard_normal(2)
+        depth = DepthImage(_registered(np.where(good, metres, 0.0), zoom, shift).astype(np.float32))
         mask = stray(sight.bodies == 0, self.outline, zoom, rng) & (depth.metres > 0)
         return Rendering(depth, sight.bodies, mask)
 
@@ -147,12 +151,18 @@ class WindowCamera:
         return np.asarray(steep | dark | speck, dtype=np.bool_)
 
 
-def _registered(metres: Array, zoom: float) -> Array:
-    """The image as if its pixels took the nearest of the camera's own, `zoom` px wide; finer ones all count."""
-    if zoom <= 1.0:
-        return metres
-    v, u = (np.minimum((np.floor(np.arange(n) / zoom) + 0.5) * zoom, n - 1).astype(np.int64) for n in metres.shape)
-    return metres[np.ix_(v, u)]
+def _registered(metres: Array, zoom: float, shift: Array) -> Array:
+    """The image moved by `shift` (2,), px down and right, with holes as wide as the camera's own pixels, `zoom` px."""
+    step = max(zoom, 1.0)
+    own = [np.rint(np.arange(n) - by) for n, by in zip(metres.shape, shift, strict=True)]
+    v, u = (np.clip(at, 0, n - 1).astype(np.int64) for at, n in zip(own, metres.shape, strict=True))
+    moved = metres[np.ix_(v, u)]
+    v, u = (
+        np.clip((np.floor(at / step) + 0.5) * step, 0, n - 1).astype(np.int64)
+        for at, n in zip(own, metres.shape, strict=True)
+    )
+    coarse = metres[np.ix_(v, u)]
+    return np.where((moved > 0) & (coarse > 0), moved, coarse)
 
 
 def _mean(values: Array, size: int) -> Array:

@@ -30,16 +30,17 @@ _XTION = WindowCamera(
     baseline=0.075,
     focal=580.0,
     range=(0.4, 8.0),
+    registration=0.8,
     window=Window(size=9.0, edge=1.5, fattening=0.9, raggedness=0.8, gap=1.5, gap_spread=0.7, full_step=6.0),
     dropouts=Dropouts(steepest=1.3, dark=0.01, patch=6.0, speckle=0.003, speck=1.5),
     errors=DisparityErrors(
         noise=((0.5, 0.04), (2.0, 0.05), (4.0, 0.065)),
-        distortion=((12.0, 0.04), (80.0, 0.08)),
-        gain=0.0012,
+        distortion=((12.0, 0.04), (60.0, 0.1)),
+        gain=0.001,
         offset=0.03,
         body=0.03,
         locking=0.0,
-        steps=8.0,
+        steps=16.0,
     ),
     outline=_OUTLINE,
 )
@@ -49,6 +50,7 @@ _REALSENSE = WindowCamera(
     baseline=0.05,
     focal=425.0,
     range=(0.2, 10.0),
+    registration=0.6,
     window=Window(size=9.0, edge=1.0, fattening=1.2, raggedness=1.0, gap=0.5, gap_spread=0.7, full_step=3.0),
     dropouts=Dropouts(steepest=1.35, dark=0.01, patch=8.0, speckle=0.02, speck=1.2),
     errors=DisparityErrors(
