@@ -12,8 +12,8 @@ from pretouch.geometry import Array
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.engines.laplace import covariance_after, curvature_draws
-from pretouch_registrar.engines.posterior import temperature
-from pretouch_registrar.engines.problem import Beams, Problem, beams_of
+from pretouch_registrar.engines.objective import supposing_likeliest
+from pretouch_registrar.engines.problem import Beams, Problem, beams_of, patches_among, temperature_of
 from pretouch_registrar.ray_casting import cast
 
 _TRUTHS, _TRUTHS_AFTER = 12, 8
@@ -29,20 +29,25 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
 
     The mean over truths drawn from the estimate: for each, the beams are cast onto the camera's surface moved there,
     and the scan's cost around that truth says how well it would be found. The mean is taken of the covariances, since a
-    scan that may miss the object is worth what it leaves uncertain then.
+    scan that may miss the object is worth what it leaves uncertain then. What no scan averages out stays, and where
+    earlier scans were, a further one tells less.
     """
     origins, directions = _beams(path, sensor, _WIDE_BEAMS if problem.wide else _BEAMS)
     draws = _draws(_TRUTHS_AFTER if len(problem.beams.weights) else _TRUTHS)
     truths = x + draws @ np.linalg.cholesky(covariance).T
     ranges = cast(problem, truths, origins, directions, sensor.range_min)
     returned = np.where(ranges <= sensor.range_max, ranges, np.nan)
-    beams = beams_of([Scan(origins, directions, each) for each in returned], sensor)
-    cold = temperature(np.concatenate([problem.beams.weights, beams.weights[: len(origins)]]))
-    precision = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    samples = max(path.duration * sensor.rate * len(sensor.tip_T_module) / len(origins), 1.0)
+    earlier = patches_among(problem.beams, problem.shared)
+    seen = [beams_of([Scan(origins, directions, each)], problem.shared, samples, earlier) for each in returned]
+    beams = Beams(*(np.concatenate(each) for each in zip(*seen, strict=True)))
+    worth = problem.beams.weights.sum() + beams.weights.sum() / len(truths)
+    systematic = np.diag([0.0] * 3 + [problem.systematic**2] * 3) * (len(problem.beams.weights) > 0)
+    precision = np.asarray(np.linalg.inv(covariance - systematic), dtype=np.float64)
     normal, fit = curvature_draws()
-    simulated = problem.free()._replace(beams=beams)
-    mean: Array = _mean_covariance(truths, simulated, precision, cold, normal, np.ascontiguousarray(fit[1:]))
-    return mean
+    simulated = supposing_likeliest(x, problem).free()._replace(beams=beams, temperature=temperature_of(float(worth)))
+    mean: Array = _mean_covariance(truths, simulated, precision, normal, np.ascontiguousarray(fit[1:]))
+    return np.asarray(mean + systematic, dtype=np.float64)
 
 
 def _beams(path: Trajectory, sensor: Sensor, count: int) -> tuple[Array, Array]:
@@ -62,7 +67,7 @@ def _draws(count: int) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _mean_covariance(truths: Array, problem: Problem, precision: Array, cold: float, draws: Array, fit: Array) -> Array:
+def _mean_covariance(truths: Array, problem: Problem, precision: Array, draws: Array, fit: Array) -> Array:
     """Mean (6, 6) over truths (t, 6) of the covariance that each one's beams leave of inverse `precision`.
 
     The beams of `problem`, as many for each truth, follow each other in the order of the truths.
@@ -75,6 +80,9 @@ def _mean_covariance(truths: Array, problem: Problem, precision: Array, cold: fl
         seen = Beams(
             beams.points[own], beams.directions[own], beams.returned[own], beams.weights[own], beams.ranges[own]
         )
-        each = Problem(seen, problem.target, problem.noise, problem.rays, problem.prior)
-        total += covariance_after(truths[k], each, precision, cold, draws, fit)
+        each = Problem(
+            seen, problem.target, problem.noise, problem.cone, problem.prior, problem.temperature, problem.shared,
+            problem.systematic,
+        )  # fmt: skip
+        total += covariance_after(truths[k], each, precision, draws, fit)
     return total / truths.shape[0]

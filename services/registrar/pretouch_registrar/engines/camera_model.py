@@ -11,11 +11,14 @@ from scipy import ndimage
 
 from pretouch.geometry import Array
 from pretouch.scene import Scene
+from pretouch_registrar.engines.camera_noise import CameraNoise, camera_noise
 from pretouch_registrar.engines.plane_fits import fit_planes
 
 UNSEEN, OBJECT, TABLE, OTHER = 0, 1, 2, 3
 """Kinds of a pixel: no depth, the object, the table, or something else that stands about."""
 
+_TABLE_BAND = 0.003
+"""m about the table's plane within which a pixel is the table's, besides three standard deviations of its noise."""
 _FIT_RADIUS = 0.005
 """m on the surface: half width of a plane fit; about three pixels of a Kinect at 0.9 m."""
 _FIT_BAND = 0.0035
@@ -28,6 +31,8 @@ _LAYER_GAP = 0.015
 """m: a surface this far before another one that is seen right beside it is a front layer, such as a cup's near rim."""
 _LAYER_REACH = 0.008
 """m across the view in which the two layers are looked for: a depth camera is blind for some pixels between them."""
+RIM = 0.006
+"""m inside a silhouette over which cameras that match windows mix the object with what lies behind it."""
 CELL = 0.003
 """m: side of a cell of the footprint."""
 _AROUND = 14
@@ -60,12 +65,14 @@ class Pixels(NamedTuple):
             nearest object pixel.
         front: that of the nearest pixel of the object's front layers; NOWHERE without any.
         distances: (h, w) float32, px, to the pixel that `surface` was taken from.
+        rims: (h, w) float32, how near the silhouette `surface` was taken: 1 on it, falling off over RIM.
         kinds: (h, w) int8, UNSEEN, OBJECT, TABLE or OTHER.
     """
 
     surface: Surface
     front: Surface
     distances: NDArray[np.float32]
+    rims: NDArray[np.float32]
     kinds: NDArray[np.int8]
 
 
@@ -103,14 +110,15 @@ class CameraModel:
     scene: Scene
     pixels: Pixels
     footprint: Footprint
+    noise: CameraNoise
 
 
 def build(scene: Scene) -> CameraModel:
     """The model of one scene; about 20 ms for a scene cropped around its object."""
     metres = np.ascontiguousarray(scene.depth.metres, dtype=np.float64)
     camera, mask = scene.camera, scene.mask
-    noise = 0.0012 + 0.0019 * (metres - 0.4) ** 2
-    near_table = np.abs(scene.table.height(scene.organised)) < 0.003 + 3 * noise
+    noise = camera_noise(scene)
+    near_table = np.abs(scene.table.height(scene.organised)) < _TABLE_BAND + 3 * noise.pixel
     kind = np.select([mask, metres <= 0, near_table], [OBJECT, UNSEEN, TABLE], OTHER)
     px_per_m = camera.fx / float(np.median(metres[mask]))
     stride = max(1, round(_FIT_RADIUS * px_per_m / _MAX_STEPS))
@@ -121,16 +129,20 @@ def build(scene: Scene) -> CameraModel:
     normals = scene.base_T_camera.rotate(normals)
     offsets = np.einsum("ijk,ijk->ij", normals, points)
     distance, nearest = _nearest(mask)
+    inside = ndimage.distance_transform_edt(mask) / px_per_m
+    rims = np.where(mask, np.exp(-inside / RIM), 0.0)[tuple(nearest)]
     own = kind == OTHER
+    rims[own] = 0.0
     nearest[:, own], distance[own] = np.indices(mask.shape)[:, own], 0.0
     layers = _front_layers(metres, mask, round(_LAYER_REACH * px_per_m))
     pixels = Pixels(
         _taken(normals, offsets, points, nearest),
         _taken(normals, offsets, points, _nearest(layers)[1]) if layers.any() else _nowhere(mask.shape),
         _single(distance),
+        _single(rims),
         np.ascontiguousarray(kind, dtype=np.int8),
     )
-    return CameraModel(scene, pixels, _footprint(scene, points[mask], metres, kind))
+    return CameraModel(scene, pixels, _footprint(scene, points[mask], metres, kind), noise)
 
 
 def _taken(normals: Array, offsets: Array, points: Array, nearest: NDArray[np.int32]) -> Surface:

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.objective import normal_equations, spread_costs, total_costs
+from pretouch_registrar.engines.objective import energies, normal_equations, spread_energies, supposing_likeliest
 from pretouch_registrar.engines.problem import Problem
 from pretouch_registrar.engines.resources import Resources
 
@@ -34,34 +34,33 @@ def curvature_draws() -> tuple[Array, Array]:
     return draws, np.linalg.pinv(design)
 
 
-def covariance_at(problem: Problem, x: Array, temperature: float, resources: Resources) -> Array:
-    """The covariance (6, 6) that the cost's curvature at x (6,) stands for, at the scale of that covariance.
+def covariance_at(problem: Problem, x: Array, resources: Resources) -> Array:
+    """The covariance (6, 6) that the energy's curvature at x (6,) stands for, at the scale of that covariance.
 
-    From the width that half the derivatives' information gives: wider, the saturated cost would look flat; narrower,
-    its roughness would look like curvature.
+    The prior counts as a normal one. From the width that half the derivatives' information gives: wider, the saturated
+    cost would look flat; narrower, its roughness would look like curvature.
     """
     draws, fit = curvature_draws()
-    information, _, _ = normal_equations(x, problem.free())
-    covariance = _inverse(information / (2 * temperature) + np.diag(problem.prior))
+    free = problem.free()
+    information, _, _ = normal_equations(x, supposing_likeliest(x, free))
+    covariance = _inverse(information / 2 + np.diag(problem.prior))
     for _ in range(_ROUNDS):
         root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
         spread = draws @ root.T
-        costs = spread_costs(np.concatenate([x + spread, x - spread]), problem, resources)
-        coefficients = fit @ (0.5 * (costs[:_PAIRS] + costs[_PAIRS:]))
+        levels = spread_energies(np.concatenate([x + spread, x - spread]), free, resources)
+        coefficients = fit @ (0.5 * (levels[:_PAIRS] + levels[_PAIRS:]))
         hessian = np.zeros((6, 6))
         hessian[np.triu_indices(6)] = coefficients[1:]
         values, turn = np.linalg.eigh(hessian + hessian.T)
         hessian = (turn * np.maximum(values, 0.0)) @ turn.T
         whiten = _inverse(root)
         curvature = np.asarray(whiten.T @ hessian @ whiten, dtype=np.float64)
-        covariance = _inverse(curvature / temperature + np.diag(problem.prior))
+        covariance = _inverse(curvature + np.diag(problem.prior))
     return covariance
 
 
 @njit(cache=True, nogil=True)
-def covariance_after(
-    x: Array, problem: Problem, precision: Array, temperature: float, draws: Array, fit: Array
-) -> Array:
+def covariance_after(x: Array, problem: Problem, precision: Array, draws: Array, fit: Array) -> Array:
     """The covariance (6, 6) at x (6,) of a normal density with `precision` (6, 6) after the beams of `problem`.
 
     As `covariance_at`, compiled and on one thread, with the draws and the fit (21, _PAIRS), less the constant's row, of
@@ -69,12 +68,12 @@ def covariance_after(
     which see neither the edges nor where the cost saturates.
     """
     information, _, _ = normal_equations(x, problem)
-    covariance = np.linalg.inv(information / (4 * temperature) + precision)
+    covariance = np.linalg.inv(information / 4 + precision)
     for _ in range(_ROUNDS):
         root = np.linalg.cholesky(covariance)
         spread = draws @ root.T
-        costs = total_costs(np.concatenate((x + spread, x - spread)), problem)
-        coefficients = fit @ (0.5 * (costs[:_PAIRS] + costs[_PAIRS:]))
+        levels = energies(np.concatenate((x + spread, x - spread)), problem)
+        coefficients = fit @ (0.5 * (levels[:_PAIRS] + levels[_PAIRS:]))
         hessian = np.zeros((6, 6))
         n = 0
         for i in range(6):
@@ -83,7 +82,7 @@ def covariance_after(
                 hessian[j, i] += coefficients[n]
                 n += 1
         values, turn = np.linalg.eigh(hessian)
-        hessian = (turn * np.maximum(values, 0.0)) @ turn.T / temperature
+        hessian = (turn * np.maximum(values, 0.0)) @ turn.T
         whiten = np.linalg.inv(root)
         covariance = np.linalg.inv(whiten.T @ hessian @ whiten + precision)
     result: Array = covariance.astype(np.float64)

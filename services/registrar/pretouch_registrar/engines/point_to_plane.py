@@ -25,7 +25,7 @@ from pretouch_registrar.engines import so3
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.correction import carried_back
 from pretouch_registrar.engines.neighbours import Index, Pairs, find, index_of, no_pairs, thinned
-from pretouch_registrar.engines.problem import EDGE_STD, Problem
+from pretouch_registrar.engines.problem import Problem
 from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.returns import object_returns
 from pretouch_registrar.engines.robust_kernel import robust_weight
@@ -71,8 +71,7 @@ def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solutio
     """The most probable correction and its covariance."""
     source = problem.beams.points[object_returns(problem)]
     x = np.zeros(6)
-    spot = 2.0 * np.sqrt(max(0.0, problem.noise.edge**2 - EDGE_STD**2))
-    shares = shared(source, _PATCH + 2.0 * spot)
+    shares = shared(source, _PATCH)
     planes, centroid = resources.of_model(model, _planes), problem.target.centroid
     information = match(source, shares, planes, centroid, problem.prior, problem.noise.surface, x)
     covariance = np.linalg.inv(information / _OVERCONFIDENCE + np.diag(problem.prior))

@@ -1,6 +1,6 @@
 """Engine `posterior`: hits and misses against everything the camera saw, searched over the whole prior.
 
-The density of a correction is exp(-cost / temperature) times the prior, with the cost of `objective`. A population
+The density of a correction is exp(-energy), see `objective`. A population
 follows it from widened noise to the true one (`smc`), its best members are refined (`levenberg_marquardt`), and the
 moments of the density are taken by importance sampling around the distinct modes found (`laplace`, `importance`).
 """
@@ -12,9 +12,8 @@ import numpy as np
 from pretouch.geometry import Array
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.laplace import covariance_at
-from pretouch_registrar.engines.objective import spread_costs
-from pretouch_registrar.engines.prior import prior_costs
-from pretouch_registrar.engines.problem import EFFECTIVE_SAMPLES, Problem
+from pretouch_registrar.engines.objective import spread_energies, supposing_likeliest
+from pretouch_registrar.engines.problem import Problem
 from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.solution import Solution
 from pretouch_registrar.engines.solvers import importance, smc
@@ -24,7 +23,7 @@ from pretouch_registrar.engines.solvers.levenberg_marquardt import refine
 _SEARCH_BEAMS = 120
 _MAX_BEAMS = 320
 """Beams used to search, and to refine and take the moments."""
-_WIDE_BEAMS = (80, 120)
+_WIDE_BEAMS = (60, 100)
 """The same for a wide beam: its samples overlap, and each costs more."""
 _ROUGH = 2.0
 """Noise factor above which half the beams do for the search."""
@@ -38,43 +37,32 @@ _MODE_GATE = 6.0
 _NEARLY = 3.0
 """A mode is named in the answer if its density is at least exp(-this) of the best one's."""
 
-_SYSTEMATIC, _WIDE_SYSTEMATIC = 0.0004, 0.0012
-"""m: what no number of samples averages out, such as a sensor's bias and the camera's."""
-
-
-def temperature(weights: Array) -> float:
-    """What the cost of beams with `weights` (n,) is divided by to be honest: samples share the model's error, the more
-    the more there are. Chosen on training meshes for the best logarithmic score of the truth."""
-    return float(0.6 * max(weights.sum() / EFFECTIVE_SAMPLES, 1.0) ** 0.45)
-
 
 def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solution:
     """The posterior's mean and covariance, and other modes that agree nearly as well."""
     search, most = _WIDE_BEAMS if problem.wide else (_SEARCH_BEAMS, _MAX_BEAMS)
     rough, coarse, fine = (problem.thinned(beams) for beams in (search // 2, search, most))
-    cold = temperature(problem.beams.weights)
     scale = 1.0 / np.sqrt(problem.prior)
 
     def energy(xs: Array, among: Problem = fine) -> Array:
         """Negative logarithms (m,) of the posterior density of corrections xs (m, 6)."""
-        return np.asarray(spread_costs(xs, among, resources) / cold + prior_costs(xs, problem.prior), dtype=np.float64)
+        return spread_energies(xs, among, resources)
 
     xs, level = smc.population(
         lambda xs, factor: energy(xs, (rough if factor > _ROUGH else coarse).widened(factor)), scale
     )
     starts = _distinct(xs[np.argsort(level, kind="stable")], _APART * scale, _STARTS)
-    refined = np.array([refine(x, fine) for x in starts])
+    refined = np.array(resources.map(lambda x: refine(x, supposing_likeliest(x, fine)), starts))
     level = energy(refined)
     order = np.argsort(level, kind="stable")
     order = order[level[order] < level.min() + _MODE_GATE]
     places = _distinct(refined[order], _MODES_APART * scale, _MODES)
     heights = energy(places)
-    covariances = [covariance_at(fine, place, cold, resources) for place in places]
+    covariances = [covariance_at(fine, place, resources) for place in places]
     modes = [_in_units(mode, scale) for mode in _modes(places, covariances, heights)]
     mean, covariance = importance.moments(lambda x: energy(x * scale), modes)
     mean, covariance = mean * scale, covariance * np.outer(scale, scale)
-    systematic = _WIDE_SYSTEMATIC if problem.wide else _SYSTEMATIC
-    covariance[3:, 3:] += np.diag(np.minimum(systematic, scale[3:] / 10) ** 2)
+    covariance[3:, 3:] += problem.systematic**2 * np.eye(3)
     return Solution(mean, covariance, places[heights < level.min() + _NEARLY][1:])
 
 

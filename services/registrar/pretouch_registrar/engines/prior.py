@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pretouch.geometry import Array
-
 FLAT = 1.65
 """Standard deviations up to which a correction costs next to nothing; a uniform error's bound is sqrt 3 of them."""
-WALL = 0.4
+WALL = 0.2
 """Standard deviations over which the prior falls off beyond."""
 SAG = 0.1
 """Share of a normal prior's cost within."""
@@ -27,10 +25,3 @@ def prior_cost(x: float, inverse_variance: float) -> tuple[float, float, float]:
         slope += np.sign(z) * beyond / WALL**2
         bend += 1.0 / WALL**2
     return cost, slope * scale, bend * inverse_variance
-
-
-def prior_costs(xs: Array, inverse_variances: Array) -> Array:
-    """Costs (m,) of corrections xs (m, 6)."""
-    sigmas = np.abs(xs) * np.sqrt(inverse_variances)
-    beyond = np.maximum(sigmas - FLAT, 0.0) / WALL
-    return np.asarray(0.5 * (SAG * sigmas**2 + beyond**2).sum(axis=1), dtype=np.float64)

@@ -12,24 +12,32 @@ from pretouch.estimate import Prior
 from pretouch.geometry import Array
 from pretouch.tof import Scan, Sensor
 from pretouch_registrar.engines.camera_model import CameraModel, Footprint, Pixels
-from pretouch_registrar.engines.rays import Rays, no_rays, rays_of
+from pretouch_registrar.engines.camera_noise import PATCH, CameraNoise
+from pretouch_registrar.engines.cone import Cone, cone_of, thin_beam
+from pretouch_registrar.engines.patches import Patches, SharedError, patches_of, sample_weights
 
-SURFACE_STD = 0.0020
-"""m: how well a smoothed surface point of the camera is known, as one local patch."""
-TABLE_STD = 0.0010
-"""m: how well the table's plane is known."""
-EDGE_STD = 0.0025
-"""m: how well the silhouette is known, laterally."""
-EFFECTIVE_SAMPLES = 30.0
-"""Independent samples that one scan is worth: neighbours share the model's error."""
-_MOST = 0.6
-"""Weight of one sample at most: at the posterior's temperature it counts once."""
-_PATCH = 0.009
-"""m along a scan over which the camera's error stays the same."""
+SURFACE_STD, TABLE_STD, EDGE_STD, RIM_STD = 0.0012, 0.0007, 0.0022, 0.001
+"""m: how well a perfect camera's smoothed surface, table and silhouette are known, and the surface at the silhouette
+besides: the model's own errors."""
+_TABLE_SHARE, _RIM_SHARE = 0.7, 1.5
+"""Of the camera's patch error: how much of it the table has, whose plane is fitted, and the surface at its rim."""
+_SCAN_BIAS = 0.0007
+"""m: error that all ranges of a scan share; real modules wander by 0.5 to 1 mm from one minute to the next."""
+_LOCAL_STD = 0.001
+"""m: what the model gets wrong from one sample to the next."""
 WIDE = float(np.radians(2.0))
 """rad: a beam with a larger half angle is treated as a cone."""
-CONE_STD = 0.001
-"""m: what the model of the cone gets wrong."""
+CONE_STD = 0.0020
+"""m: what the hypotheses about a cone get wrong."""
+_CONE_SHARED, _CONE_PATCH = 0.0025, 0.02
+"""m: error of the cone's model that neighbouring spots share, and over which length."""
+_TEMPERATURE, _GROWTH, _INDEPENDENT = 1.7, 0.25, 60.0
+"""The costs are divided by _TEMPERATURE, and by more for more than _INDEPENDENT samples' worth: what the model gets
+wrong all over. Chosen on training meshes and two real frames by the log score of the truth."""
+_SYSTEMATIC, _CONE_SYSTEMATIC = 0.0005, 0.0012
+"""m: what a sensor errs by all over, thin beam and cone, such as its bias."""
+_CAMERA_SHARE = 0.5
+"""The same of the camera: share of its patches' error that they all have in common."""
 
 
 class Beams(NamedTuple):
@@ -39,7 +47,7 @@ class Beams(NamedTuple):
         points: (n, 3), m: the return's point, or the start of a beam that met nothing.
         directions: (n, 3), unit.
         returned: (n,) bool.
-        weights: (n,) what each sample counts in the cost.
+        weights: (n,) what each sample counts in the cost: independent samples that it is worth.
         ranges: (n,), m; 0 for a miss.
     """
 
@@ -83,17 +91,19 @@ class Noise(NamedTuple):
         surface: along the normal of what the camera saw.
         table: of the height above the table.
         edge: off the silhouette, laterally.
+        rim: of the surface at its silhouette, besides `surface`.
         widening: the factor by which the others are wider than they truly are.
     """
 
     surface: float
     table: float
     edge: float
+    rim: float
     widening: float
 
     def widened(self, factor: float) -> Noise:
         """All `factor` times as wide."""
-        return Noise(self.surface * factor, self.table * factor, self.edge * factor, self.widening * factor)
+        return Noise(*(value * factor for value in self))
 
 
 class Target(NamedTuple):
@@ -110,20 +120,26 @@ class Problem(NamedTuple):
     """All that the objective depends on besides the correction.
 
     Attributes:
-        rays: of a wide beam's cone; none for a thin one.
+        cone: of a wide beam; without rays for a thin one.
         prior: (6,) inverse variances of the correction, order (w, d).
+        temperature: what the cost is divided by to be a negative log likelihood.
+        shared: what neighbouring samples err together.
+        systematic: m, standard deviation of a shift that no number of samples averages out.
     """
 
     beams: Beams
     target: Target
     noise: Noise
-    rays: Rays
+    cone: Cone
     prior: Array
+    temperature: float
+    shared: SharedError
+    systematic: float
 
     @property
     def wide(self) -> bool:
         """Whether the beams are cones."""
-        return len(self.rays.response) > 0
+        return len(self.cone.length) > 0
 
     def free(self) -> Problem:
         """The same without the prior."""
@@ -132,6 +148,10 @@ class Problem(NamedTuple):
     def widened(self, factor: float) -> Problem:
         """The same with noise `factor` times as wide."""
         return self._replace(noise=self.noise.widened(factor))
+
+    def supposing(self, hypothesis: int) -> Problem:
+        """The same with one hypothesis about the cone."""
+        return self._replace(cone=self.cone.only(hypothesis))
 
     def thinned(self, most: int) -> Problem:
         """The same with at most `most` of the beams, evenly in their order, which count for the others."""
@@ -147,39 +167,44 @@ class Problem(NamedTuple):
         return self._replace(beams=kept)
 
 
-def beams_of(scans: Sequence[Scan], sensor: Sensor) -> Beams:
-    """The beams of all scans; each scan is worth EFFECTIVE_SAMPLES independent samples at most, however long.
+def temperature_of(worth: float) -> float:
+    """`Problem.temperature` for samples that are together worth as many independent ones."""
+    return float(_TEMPERATURE * max(worth / _INDEPENDENT, 1.0) ** _GROWTH)
 
-    A wide beam's spots overlap, so that its samples are worth less still.
-    """
-    worth = EFFECTIVE_SAMPLES * _PATCH / (_PATCH + 2 * _spot_radius(sensor))
+
+def shared_error(sensor: Sensor, camera: CameraNoise) -> SharedError:
+    """What samples have in common with their neighbours: the camera's error, the scan's bias, the cone's model."""
+    common, patch = float(np.hypot(camera.patch, _SCAN_BIAS)), PATCH
+    if sensor.beam_half_angle > WIDE:
+        common, patch = float(np.hypot(common, _CONE_SHARED)), _CONE_PATCH
+    return SharedError(float(np.hypot(sensor.range_std, _LOCAL_STD)), common, patch)
+
+
+def beams_of(scans: Sequence[Scan], error: SharedError, each: float = 1.0, earlier: Patches | None = None) -> Beams:
+    """The beams of all scans; `each` and `earlier` as `patches.sample_weights` takes them."""
     ranges = [np.where(scan.returned, scan.ranges, 0.0) for scan in scans]
     ends = [scan.origins + r[:, None] * scan.directions for scan, r in zip(scans, ranges, strict=True)]
-    weights = [np.full(len(scan), min(_MOST, worth / max(len(scan), 1))) for scan in scans]
-    return Beams(
-        np.concatenate([np.zeros((0, 3)), *ends]),
-        np.concatenate([np.zeros((0, 3)), *(scan.directions for scan in scans)]),
-        np.concatenate([np.zeros(0, dtype=np.bool_), *(scan.returned for scan in scans)]),
-        np.concatenate([np.zeros(0), *weights]),
-        np.concatenate([np.zeros(0), *ranges]),
-    )
+    points = np.concatenate([np.zeros((0, 3)), *ends])
+    directions = np.concatenate([np.zeros((0, 3)), *(scan.directions for scan in scans)])
+    returned = np.concatenate([np.zeros(0, dtype=np.bool_), *(scan.returned for scan in scans)])
+    weights = sample_weights(points, directions, returned, error, each, earlier)
+    return Beams(points, directions, returned, weights, np.concatenate([np.zeros(0), *ranges]))
 
 
-def _spot_radius(sensor: Sensor) -> float:
-    """m: radius of the beam's spot in the middle of the sensor's range."""
-    return float(0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle))
+def patches_among(beams: Beams, error: SharedError) -> Patches:
+    """In which patches of the world the beams' samples lie."""
+    return patches_of(beams.points, beams.directions, beams.returned, error)
 
 
-def _noise_of(sensor: Sensor) -> Noise:
-    if sensor.beam_half_angle > WIDE:
-        surface = float(np.hypot(np.hypot(sensor.range_std, SURFACE_STD), CONE_STD))
-        return Noise(surface, CONE_STD, EDGE_STD, 1.0)
-    spot = _spot_radius(sensor)
+def _noise_of(sensor: Sensor, camera: CameraNoise) -> Noise:
+    wide = sensor.beam_half_angle > WIDE
+    spot = 0.0 if wide else 0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle)
     return Noise(
-        float(np.hypot(np.hypot(sensor.range_std, SURFACE_STD), spot / 5)),
-        float(np.hypot(np.hypot(sensor.range_std, TABLE_STD), spot / 5)),
-        float(np.hypot(EDGE_STD, spot / 2)),
-        1.0,
+        surface=float(np.linalg.norm([sensor.range_std, SURFACE_STD, camera.patch, CONE_STD * wide, spot / 5])),
+        table=float(np.linalg.norm([sensor.range_std, TABLE_STD, _TABLE_SHARE * camera.patch, spot / 5])),
+        edge=float(np.linalg.norm([EDGE_STD, camera.patch, spot / 2])),
+        rim=RIM_STD + _RIM_SHARE * camera.patch,
+        widening=1.0,
     )
 
 
@@ -193,6 +218,18 @@ def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor
     )  # fmt: skip
     table = Table(np.array(scene.table.normal), float(scene.table.offset))
     inverse = np.array([prior.rotation_std**-2.0] * 3 + [prior.translation_std**-2.0] * 3)
-    rays = rays_of(sensor.beam_half_angle) if sensor.beam_half_angle > WIDE else no_rays()
+    cone = cone_of(sensor.beam_half_angle) if sensor.beam_half_angle > WIDE else thin_beam()
     target = Target(np.array(scene.centroid), optics, table, model.pixels, model.footprint)
-    return Problem(beams_of(scans, sensor), target, _noise_of(sensor), rays, inverse)
+    shared = shared_error(sensor, model.noise)
+    beams = beams_of(scans, shared)
+    own = _CONE_SYSTEMATIC if sensor.beam_half_angle > WIDE else _SYSTEMATIC
+    return Problem(
+        beams,
+        target,
+        _noise_of(sensor, model.noise),
+        cone,
+        inverse,
+        temperature_of(float(beams.weights.sum())),
+        shared,
+        min(float(np.hypot(own, _CAMERA_SHARE * model.noise.patch)), prior.translation_std / 10),
+    )

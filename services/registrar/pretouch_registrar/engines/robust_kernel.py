@@ -8,10 +8,16 @@ from __future__ import annotations
 
 from numba import njit
 
-CAP_FRONT = 4.5
+CAP_FRONT = 3.5
 """Cap of what contradicts the camera's view: it would have seen it."""
 CAP_BEHIND = 1.8
 """Cap of what may be a hidden side: behind a seen surface, but not below it."""
+HIDDEN_TABLE = 1.5
+"""Cost of a return that is explained by the table where the camera did not see it, behind an object: less than that of
+an unknown hidden side, but no reward. Without it an answer that carries the inside of a cup down onto the table is
+preferred to the truth."""
+UNSEEN_TABLE = 0.45
+"""The same where the camera had no depth at all."""
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -1,140 +1,215 @@
-"""A wide beam's range, or its miss, beside what it should measure: the signal's mean path over its cone.
+"""A wide beam's range, or its miss, beside what it should measure under each hypothesis of its cone's response.
 
-A time-of-flight module with a field of view answers with one range for all that its cone meets, on the surface as seen
-from above. A patch of it counts by the module's response in its direction (half at the cone's edge, a Gaussian), by the
-cosine of the incidence and by one over the squared distance (a Lambertian target); the module is calibrated on a
-perpendicular wall. Where the camera saw nothing, the surface lies between the table and the sight line above it: the
-answer is an interval.
+The surface is that seen from above, everything that stands about included. Where the camera saw nothing it lies between
+the table and the sight line above it: the answer is an interval.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.camera_model import CELL
+from pretouch_registrar.engines.camera_model import CELL, Footprint
 from pretouch_registrar.engines.compiled import NO_REFERENCES
+from pretouch_registrar.engines.cone import Cone
 from pretouch_registrar.engines.correction import Vector
 from pretouch_registrar.engines.problem import Noise, Target
-from pretouch_registrar.engines.rays import Rays
 from pretouch_registrar.engines.robust_kernel import CAP_BEHIND, CAP_FRONT, robust_cost
 
 CONE_SPREAD = 0.25
 """Share of the spread of the paths in a cone that its mean may be wrong by."""
-_PACE = 0.006
-"""m: step of a ray above the surface."""
 _WALL = 0.007
-"""m: a ray this far below the surface in one step has met a wall, not a slope."""
+"""m: a ray this far below the surface has met a wall, not a slope."""
 _GRAZING = 0.25
 """Cosine of the incidence on a wall."""
+_FLAT = 0.001
+"""m: where nothing nearby is higher than this above the table, the table is all there is."""
+_BISECTIONS = 3
+_LOOKS = 4
+_LEAST_PATH = 0.001
 _SHIFT, _TURN = 0.001, 0.012
 """m and rad: steps of the differences that stand for a wide beam's derivatives."""
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
-def mean_range(
-    origin: Vector, direction: Vector, farthest: float, rays: Rays, target: Target
-) -> tuple[float, float, float]:
-    """The nearest and farthest mean range, m, that a module at `origin` may see, and the spread of its paths.
+class Spot(NamedTuple):
+    """Room for one beam's paths and what they mean, to be filled again and again.
 
-    Paths longer than `farthest` count as that long.
+    Attributes:
+        near, far: (k,), m: each ray's path to the nearest and to the farthest surface that may be there.
+        near_facing, far_facing: (k,) cosine of the incidence there.
+        weights: (l, k) room.
+        nearest, means: (h,), m: the range over `near` and over `far`.
+        spreads: (h,), m^2: variance of the paths `far` in the mean.
     """
-    o0, o1, o2 = origin
-    d0, d1, d2 = direction
-    normal, footprint = target.table.normal, target.footprint
-    x_axis, y_axis, low, high = footprint.x_axis, footprint.y_axis, footprint.low, footprint.high
-    # the module in the table's axes: x, y along it, z above it
-    ox = x_axis[0] * o0 + x_axis[1] * o1 + x_axis[2] * o2 - footprint.corner[0]
-    oy = y_axis[0] * o0 + y_axis[1] * o1 + y_axis[2] * o2 - footprint.corner[1]
-    oz = normal[0] * o0 + normal[1] * o1 + normal[2] * o2 - target.table.offset
-    dx = x_axis[0] * d0 + x_axis[1] * d1 + x_axis[2] * d2
-    dy = y_axis[0] * d0 + y_axis[1] * d1 + y_axis[2] * d2
-    dz = normal[0] * d0 + normal[1] * d1 + normal[2] * d2
+
+    near: Array
+    far: Array
+    near_facing: Array
+    far_facing: Array
+    weights: Array
+    nearest: Array
+    means: Array
+    spreads: Array
+
+
+@njit(cache=True, nogil=True)
+def spot_of(cone: Cone) -> Spot:
+    """Room for the beams of a cone."""
+    k, h = cone.length.shape[0], cone.scales.shape[0]
+    weights = np.empty((cone.decays.shape[0], k))
+    return Spot(np.empty(k), np.empty(k), np.empty(k), np.empty(k), weights, np.empty(h), np.empty(h), np.empty(h))
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+def _surface_at(x: float, y: float, heights: NDArray[np.float32], facing: NDArray[np.float32]) -> tuple[float, float]:
+    """m and cosine: the surface's height and slope at a place of the footprint; the table beyond it."""
+    if x >= 0 and y >= 0:
+        i, j = int(x / CELL), int(y / CELL)
+        if i < heights.shape[0] and j < heights.shape[1]:
+            return heights[i, j], facing[i, j]
+    return 0.0, 1.0
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+def _meet(
+    origin: Vector, ray: Vector, start: float, stop: float, heights: NDArray[np.float32], facing: NDArray[np.float32]
+) -> tuple[float, float]:
+    """Where a ray that falls from `start` on, in units of its direction, meets the surface, at `stop` at the latest.
+
+    From above down to the height that lies below where it is, again and again: quick, since the surface is mostly flat.
+    """
+    above = at = start
+    slope = 1.0
+    for look in range(_LOOKS):
+        height, slope = _surface_at(origin[0] + ray[0] * at, origin[1] + ray[1] * at, heights, facing)
+        level = (origin[2] - height) / -ray[2]
+        if level <= at + 0.0005:
+            if look == 0 or level > at - _WALL:
+                return max(level, start), slope
+            below = at
+            for _ in range(_BISECTIONS):
+                at = 0.5 * (above + below)
+                height, _ = _surface_at(origin[0] + ray[0] * at, origin[1] + ray[1] * at, heights, facing)
+                if (origin[2] - height) / -ray[2] <= at:
+                    below = at
+                else:
+                    above = at
+            return below, _GRAZING
+        above = at
+        at = min(level, stop)
+    return at, slope
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+def _in_table(vector: Vector, footprint: Footprint, normal: Array) -> Vector:
+    """A vector in base in the table's axes."""
+    a, b = footprint.x_axis, footprint.y_axis
+    return (
+        a[0] * vector[0] + a[1] * vector[1] + a[2] * vector[2],
+        b[0] * vector[0] + b[1] * vector[1] + b[2] * vector[2],
+        normal[0] * vector[0] + normal[1] * vector[1] + normal[2] * vector[2],
+    )
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+def _trace(origin: Vector, direction: Vector, target: Target, cone: Cone, spot: Spot) -> bool:
+    """Fills the spot's paths for a module at `origin`, and says whether there is more than one answer."""
+    footprint = target.footprint
+    farthest = 2.0 * target.optics.range_max
+    px, py, pz = _in_table(origin, footprint, target.table.normal)
+    o = (px - footprint.corner[0], py - footprint.corner[1], pz - target.table.offset)
+    dx, dy, dz = _in_table(direction, footprint, target.table.normal)
     # two axes across the beam; dz is near -1
     s = 1.0 / max(np.sqrt(1.0 - dx * dx), 1e-6)
     ax, ay, az = s * (1.0 - dx * dx), -s * dx * dy, -s * dx * dz
     bx, by, bz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
-    nx, ny = low.shape
-    weight_near = weight_far = sum_near = sum_far = square = wall = wall_path = 0.0
-    for k in range(rays.response.shape[0]):
-        u, v, length = rays.across_x[k], rays.across_y[k], rays.length[k]
-        rx, ry, rz = dx + u * ax + v * bx, dy + u * ay + v * by, dz + u * az + v * bz
-        stop = farthest / length
-        t = 0.0
-        if rz < -1e-6:
-            stop = min(stop, oz / -rz)
-            i = int((ox + rx * 0.5 * stop) / CELL)
-            j = int((oy + ry * 0.5 * stop) / CELL)
-            top = 0.0
-            if i >= 0 and j >= 0 and i < nx and j < ny:
-                top = footprint.nearby[i, j]
-            t = max(0.0, (oz - top) / -rz - 1e-4)
-        near = far = -1.0
-        near_facing = far_facing = 1.0
-        while t < stop:
-            i, j = int((ox + rx * t) / CELL), int((oy + ry * t) / CELL)
-            z = oz + rz * t
-            if ox + rx * t >= 0 and oy + ry * t >= 0 and i < nx and j < ny:
-                if near < 0 and z <= high[i, j]:
-                    deep = high[i, j] - z
-                    if deep > _WALL:
-                        near, near_facing = t, _GRAZING
-                    else:
-                        near, near_facing = t + deep / rz, footprint.facing[i, j]
-                if z <= low[i, j]:
-                    deep = low[i, j] - z
-                    if deep > _WALL:
-                        far, far_facing = t, _GRAZING
-                    else:
-                        far, far_facing = t + deep / rz, footprint.facing[i, j]
-                    break
-            t += _PACE
-        if far < 0:
-            far = stop
-        if near < 0:
-            near, near_facing = far, far_facing
-        path = max(near, 0.001) * length
-        w = rays.response[k] * near_facing / (path * path)
-        weight_near += w
-        sum_near += w * path
-        path = max(far, 0.001) * length
-        w = rays.response[k] * far_facing / (path * path)
-        weight_far += w
-        sum_far += w * path
-        square += w * path * path
-        on_wall = rays.response[k] / (length * length * length)
-        wall += on_wall
-        wall_path += on_wall * length
-    scale = wall / wall_path
-    mean = sum_far / weight_far
-    spread = np.sqrt(max(square / weight_far - mean * mean, 0.0))
-    return sum_near / weight_near * scale, mean * scale, spread
+    several = False
+    for k in range(cone.length.shape[0]):
+        u, v, length = cone.across_x[k], cone.across_y[k], cone.length[k]
+        ray = (dx + u * ax + v * bx, dy + u * ay + v * by, dz + u * az + v * bz)
+        if ray[2] > -0.05:
+            spot.near[k] = spot.far[k] = farthest
+            spot.near_facing[k] = spot.far_facing[k] = 0.05
+            continue
+        stop = min(farthest / length, o[2] / -ray[2])
+        top, _ = _surface_at(o[0] + 0.5 * ray[0] * stop, o[1] + 0.5 * ray[1] * stop, footprint.nearby, footprint.facing)
+        if top <= _FLAT:
+            spot.near[k] = spot.far[k] = max(stop, _LEAST_PATH) * length
+            spot.near_facing[k] = spot.far_facing[k] = -ray[2] / length
+            continue
+        start = min(max(_LEAST_PATH, (o[2] - top) / -ray[2]), stop)
+        far, facing = _meet(o, ray, start, stop, footprint.low, footprint.facing)
+        spot.far[k], spot.far_facing[k] = max(far, _LEAST_PATH) * length, facing
+        near, facing = _meet(o, ray, start, stop, footprint.high, footprint.facing)
+        spot.near[k], spot.near_facing[k] = max(near, _LEAST_PATH) * length, facing
+        several = several or far - near > 1e-3
+    return several
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
-def cone_residual(
-    end: Vector, direction: Vector, returned: bool, measured: float, target: Target, noise: Noise, rays: Rays
-) -> tuple[float, float, float]:
-    """Normalised residual of a wide beam that ends in `end`, or begins there if it met nothing, where the camera would
-    have put it; the cap of the robust kernel; what it costs beyond."""
+def _average(paths: Array, facing: Array, cone: Cone, weights: Array, means: Array, spreads: Array) -> None:
+    """Fills `means` and `spreads` (h,) of paths (k,): range and variance of the paths under each hypothesis."""
+    count = paths.shape[0]
+    first = paths[0]
+    for k in range(1, count):
+        first = min(first, paths[k])
+    lengths = cone.decays.shape[0]
+    for k in range(count):
+        base = facing[k] / (paths[k] * paths[k])
+        fade = 1.0
+        for b in range(lengths):
+            if b > 0 and cone.decays[b] == 2.0 * cone.decays[b - 1]:
+                fade = fade * fade
+            else:
+                fade = np.exp(-(paths[k] - first) * cone.decays[b])
+            weights[b, k] = base * fade
+    for w in range(cone.profiles.shape[0]):
+        for b in range(lengths):
+            total = mean = square = 0.0
+            for k in range(count):
+                weight = cone.profiles[w, k] * weights[b, k]
+                total += weight
+                mean += weight * paths[k]
+                square += weight * paths[k] * paths[k]
+            mean /= total
+            h = w * lengths + b
+            means[h] = mean * cone.scales[h]
+            spreads[h] = max(square / total - mean * mean, 0.0)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+def measure(
+    end: Vector, direction: Vector, returned: bool, measured: float, target: Target, cone: Cone, spot: Spot
+) -> bool:
+    """Fills the spot for a beam that ends in `end`, or begins there if it met nothing, where the camera would have put
+    it; and says whether `nearest` counts, there being an interval."""
     x, y, z = end
     dx, dy, dz = direction
     origin = (x - measured * dx, y - measured * dy, z - measured * dz)
-    range_max = target.optics.range_max
-    near, far, spread = mean_range(origin, direction, 2.0 * range_max, rays, target)
-    if not returned:
-        return max(range_max - far, 0.0) / noise.table, CAP_FRONT, 0.0
-    widen = CONE_SPREAD * spread
-    variance = noise.surface * noise.surface + widen * widen
-    beyond = 0.5 * np.log(variance / (noise.surface * noise.surface))
+    several = _trace(origin, direction, target, cone, spot)
+    if several and returned:
+        _average(spot.near, spot.near_facing, cone, spot.weights, spot.nearest, spot.spreads)
+    _average(spot.far, spot.far_facing, cone, spot.weights, spot.means, spot.spreads)
+    return several and returned
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+def spot_residual(
+    h: int, returned: bool, measured: float, interval: bool, range_max: float, noise: Noise, spot: Spot
+) -> tuple[float, float, float]:
+    """A measured spot's normalised residual under hypothesis h; the cap of the robust kernel; what it costs beyond."""
+    variance = noise.surface * noise.surface + CONE_SPREAD * CONE_SPREAD * spot.spreads[h]
     std = np.sqrt(variance)
-    residual = (measured - far) / std
-    if near < far - 1e-4:
-        s = 0.5 * residual * residual
-        outside = (near - measured) / std
-        if residual < 0 and robust_cost(s, CAP_FRONT) > CAP_BEHIND:
-            return max(outside, 0.0), CAP_FRONT - CAP_BEHIND, beyond + CAP_BEHIND
+    if not returned:
+        return max(range_max - spot.means[h], 0.0) / std, CAP_FRONT, 0.0
+    beyond = 0.5 * np.log(variance / (noise.surface * noise.surface))
+    residual = (measured - spot.means[h]) / std
+    if interval and residual < 0 and robust_cost(0.5 * residual * residual, CAP_FRONT) > CAP_BEHIND:
+        return max((spot.nearest[h] - measured) / std, 0.0), CAP_FRONT - CAP_BEHIND, beyond + CAP_BEHIND
     return residual, CAP_FRONT, beyond
 
 

@@ -5,7 +5,7 @@ In the cheaper of two ways:
 - by what the camera sees there: distance along that surface's normal; off the silhouette, of the nearest object
   pixel's surface, plus the distance to that pixel within the surface; where layers lie behind each other, as at a cup's
   rim, the front one beside it will do as well;
-- by the table: its height above it.
+- by the table: its height above it; where the camera did not see the table this is a guess, which costs.
 
 A point whose beam came in through a seen part of the object has no business there: it also pays for how far inside the
 object's footprint that was. Behind a seen surface, but not below it, may be a hidden side: that disagreement is capped
@@ -21,13 +21,13 @@ import numpy as np
 from numba import njit
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.camera_model import NOWHERE, OBJECT, OTHER, UNSEEN, Footprint, Surface
+from pretouch_registrar.engines.camera_model import NOWHERE, OBJECT, OTHER, TABLE, UNSEEN, Footprint, Surface
 from pretouch_registrar.engines.compiled import NO_REFERENCES
 from pretouch_registrar.engines.correction import Vector
 from pretouch_registrar.engines.problem import Noise, Table, Target
 from pretouch_registrar.engines.projection import height_above, pixel_of, project
 from pretouch_registrar.engines.residuals.inside import depth_inside, pierced
-from pretouch_registrar.engines.robust_kernel import CAP_BEHIND, CAP_FRONT
+from pretouch_registrar.engines.robust_kernel import CAP_BEHIND, CAP_FRONT, HIDDEN_TABLE, UNSEEN_TABLE
 
 NORMAL, EDGE, INSIDE = 0, 1, 2
 """The three residuals of a point: along the normal of the surface or the table; within the surface, off the silhouette;
@@ -128,7 +128,9 @@ def point_residual(
     seen = pixels.surface
     distance = _off_surface(point, seen, i, j)
     n0, n1, n2 = seen.normals[i, j, 0], seen.normals[i, j, 1], seen.normals[i, j, 2]
-    surface = distance / noise.surface
+    rim = pixels.rims[i, j] * noise.rim
+    std = np.sqrt(noise.surface * noise.surface + rim * rim)
+    surface = distance / std
     edge = e0 = e1 = e2 = 0.0
     if pixels.distances[i, j] > 0:
         length, e0, e1, e2 = _within_surface(point, distance, seen, i, j)
@@ -138,7 +140,7 @@ def point_residual(
         layer = pixels.front
         before = _off_surface(point, layer, i, j)
         length, f0, f1, f2 = _within_surface(point, before, layer, i, j)
-        front, front_edge = before / noise.surface, max(length - slack, 0.0) / noise.edge
+        front, front_edge = before / std, max(length - slack, 0.0) / noise.edge
         if front * front + front_edge * front_edge < cost:
             n0, n1, n2 = layer.normals[i, j, 0], layer.normals[i, j, 1], layer.normals[i, j, 2]
             surface, edge, e0, e1, e2 = front, front_edge, f0, f1, f2
@@ -155,12 +157,15 @@ def point_residual(
     if height * height < cost:
         _explain_by_table(height, table, noise.table, out)
         _bound_inside(out, abs(height))
-        return cap, 0.0
+        if kind == TABLE:
+            return cap, 0.0
+        hidden = min(UNSEEN_TABLE if kind == UNSEEN else HIDDEN_TABLE, 0.9 * cap)
+        return cap - hidden, hidden
     _bound_inside(out, np.sqrt(cost))
     out.values[NORMAL] = surface
     normal = (n0, n1, n2)
     for k in range(3):
-        out.gradients[NORMAL, k] = normal[k] / noise.surface
+        out.gradients[NORMAL, k] = normal[k] / std
     facing = abs(n0 * direction[0] + n1 * direction[1] + n2 * direction[2])
     steep = min(-np.log(max(facing, 0.02)), STEEP) / (noise.widening * noise.widening)
     if edge > 0:
@@ -168,4 +173,4 @@ def point_residual(
         out.gradients[EDGE, 0], out.gradients[EDGE, 1], out.gradients[EDGE, 2] = (
             e0 / noise.edge, e1 / noise.edge, e2 / noise.edge,
         )  # fmt: skip
-    return cap - steep, steep
+    return cap - steep, steep + np.log(std / noise.surface)

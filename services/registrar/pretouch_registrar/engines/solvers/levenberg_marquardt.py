@@ -15,9 +15,9 @@ _STEPS = 12
 
 @njit(cache=True, nogil=True)
 def refine(x: Array, problem: Problem) -> Array:
-    """The correction (6,) to which the steps lead from x (6,)."""
+    """The correction (6,) to which the steps lead from x (6,); wide beams must suppose one hypothesis."""
     damping = 1e-3
-    information, gradient, cost = normal_equations(x, problem)
+    information, gradient, energy = normal_equations(x, problem)
     for _ in range(_STEPS):
         damped = information.copy()
         for k in range(6):
@@ -25,10 +25,10 @@ def refine(x: Array, problem: Problem) -> Array:
         step: Array = np.linalg.solve(damped, -gradient).astype(np.float64)
         turn: Array = so3.log(so3.exp(step[:3]) @ so3.exp(x[:3]))
         moved = np.concatenate((turn, x[3:] + step[3:]))
-        new_information, new_gradient, new_cost = normal_equations(moved, problem)
-        if new_cost < cost:
-            gain = cost - new_cost
-            x, information, gradient, cost = moved, new_information, new_gradient, new_cost
+        new_information, new_gradient, new_energy = normal_equations(moved, problem)
+        if new_energy < energy:
+            gain = energy - new_energy
+            x, information, gradient, energy = moved, new_information, new_gradient, new_energy
             damping = max(damping / 5, 1e-6)
             if gain < 1e-4:
                 break

@@ -25,14 +25,17 @@ Energy = Callable[[Array, float], Array]
 def population(energy: Energy, scale: Array) -> tuple[Array, Array]:
     """Corrections (POPULATION, 6) spread as the posterior, and their energies; `scale` (6,) is the prior's.
 
-    Annealed sequential Monte Carlo: resampled by likelihood at each noise factor, then moved by differential-evolution
-    Metropolis steps (ter Braak 2006), which take their directions from the population itself. The draws are fixed.
+    Annealed sequential Monte Carlo: resampled at each noise factor by what that adds to the likelihood, then moved by
+    differential-evolution Metropolis steps (ter Braak 2006), which take their directions from the population itself.
+    The draws are fixed.
     """
     rng = np.random.default_rng(0)
     xs = _first_draws() * scale
+    before = np.zeros(len(xs))
     for factor, moves in _LEVELS:
         level = energy(xs, factor)
-        likelihood = np.exp(level.min() - level)
+        gain = before - level
+        likelihood = np.exp(gain - gain.max())
         steps = (np.arange(POPULATION) + rng.uniform()) / POPULATION
         chosen = np.searchsorted(np.cumsum(likelihood) / likelihood.sum(), steps).clip(max=len(xs) - 1)
         xs, level = xs[chosen], level[chosen]
@@ -44,6 +47,7 @@ def population(energy: Energy, scale: Array) -> tuple[Array, Array]:
             new = energy(proposed, factor)
             accepted = np.log(rng.uniform(1e-300, 1, POPULATION)) < level - new
             xs[accepted], level[accepted] = proposed[accepted], new[accepted]
+        before = level
     return xs, level
 
 

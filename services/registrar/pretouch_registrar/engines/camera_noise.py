@@ -1,0 +1,84 @@
+"""How well a depth image is known, measured on the table that it shows.
+
+A depth camera errs in two ways: each pixel by itself, and whole patches of a surface together, since cameras match
+image windows and drift. Only the second kind matters for a pose, because no number of pixels averages it out. How large
+it is for the camera at hand, its settings and the distance can be seen in the image itself: the table is flat.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from pretouch.geometry import Array
+from pretouch.scene import Scene
+
+PATCH = 0.015
+"""m: side of a patch of surface on which a camera's error is about the same."""
+UNKNOWN_PATCH, UNKNOWN_PIXEL = 0.002, 0.003
+"""m: what is assumed where too little of the table is seen; real structured-light cameras are about as good."""
+_LEAST, _MOST = 0.0002, 0.004
+"""m: bounds of the patches' standard deviation."""
+_BAND = 0.012
+"""m about the given plane within which a pixel is the table's."""
+_MARGIN = 6
+"""px kept from everything else."""
+_SOFT = 0.004
+"""m: residual at which a pixel counts half in the plane fit."""
+_ROUNDS = 5
+_FEWEST_PIXELS, _FEWEST_PATCHES = 300, 12
+_NORMAL = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+
+class CameraNoise(NamedTuple):
+    """Standard deviations, m, along the table's normal.
+
+    Attributes:
+        pixel: of a single pixel's depth.
+        patch: of the mean of a PATCH.
+    """
+
+    pixel: float
+    patch: float
+
+
+def camera_noise(scene: Scene) -> CameraNoise:
+    """Measured on the scene's table after a robust plane fit; an assumption where too little of it is seen."""
+    points = _table_points(scene)
+    if len(points) < _FEWEST_PIXELS:
+        return CameraNoise(UNKNOWN_PIXEL, UNKNOWN_PATCH)
+    residuals = _off_plane(points)
+    cells = np.floor(points[:, :2] / PATCH).astype(np.int64)
+    _, patch, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    means = (np.bincount(patch.ravel(), residuals) / count)[count >= 0.5 * np.median(count)]
+    if len(means) < _FEWEST_PATCHES:
+        return CameraNoise(UNKNOWN_PIXEL, UNKNOWN_PATCH)
+    return CameraNoise(_robust_std(residuals), float(np.clip(_robust_std(means), _LEAST, _MOST)))
+
+
+def _table_points(scene: Scene) -> Array:
+    """(n, 3), m, in the table's axes: pixels of the table, away from everything that stands on it."""
+    seen = scene.depth.metres > 0
+    height = scene.table.height(scene.organised)
+    things = scene.mask | (seen & (height > _BAND))
+    free = seen & (np.abs(height) < _BAND) & ~ndimage.binary_dilation(things, iterations=_MARGIN)
+    return np.asarray(scene.organised[free] @ scene.table.frame().rotation, dtype=np.float64)
+
+
+def _off_plane(points: Array) -> Array:
+    """(n,), m: how far points (n, 3), whose z is the height, lie above the plane that fits them best."""
+    design = np.column_stack([points[:, :2] - points[:, :2].mean(axis=0), np.ones(len(points))])
+    weight = np.ones(len(points))
+    for _ in range(_ROUNDS):
+        weighted = design * weight[:, None]
+        plane = np.linalg.solve(weighted.T @ design, weighted.T @ points[:, 2])
+        residuals = points[:, 2] - design @ plane
+        weight = 1.0 / (1.0 + (residuals / _SOFT) ** 2)
+    return np.asarray(residuals, dtype=np.float64)
+
+
+def _robust_std(values: Array) -> float:
+    return float(_NORMAL * np.median(np.abs(values - np.median(values))))
