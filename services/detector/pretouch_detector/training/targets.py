@@ -1,4 +1,4 @@
-"""What a network learns of a labelled view: its image, rectangles, and what is known of each rectangle's error."""
+"""What the network learns of a labelled view: its image, rectangles, and what is known of each rectangle's error."""
 
 from __future__ import annotations
 
