@@ -185,7 +185,7 @@ def _scored(job: Job) -> dict[str, Any]:
         regions = first_regions(view.scene, proposer, sensor, job.count)
     rectangles = [region.rectangle for region in regions]
     errors, foreseen, pathless = _errors(view, rectangles, job, foretold)
-    cloud, truths = view.scene.cloud, _truths(view, job)
+    cloud, truths = view.case.cloud, _truths(view, job)
     return {
         "rectangles": [np.round(rectangle.as_list(), 4).tolist() for rectangle in rectangles],
         "confidence": [round(region.confidence, 5) for region in regions],
@@ -237,4 +237,4 @@ def _cut_error(view: LabelView, rectangle: RotatedRectangle, truth: Pose, rng: n
     points = cut(view.case, truth.apply(scene.cloud), rectangle.shifted(*view.origin), rng)
     scan = Scan.of_points(points, -scene.table.normal)
     estimate = Registrar().register(scene, [scan], Settings(Engine.PAPER))
-    return scans.mean_error(scene.cloud, truth, estimate.base_T_correction)
+    return scans.mean_error(view.case.cloud, truth, estimate.base_T_correction)
