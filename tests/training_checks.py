@@ -11,14 +11,20 @@ from pathlib import Path
 
 import numpy as np
 import torch
+import typer
+from label_cases import example
 from pretouch_detector.model.encoding import CHANNELS, SIZE, Encoding
 from pretouch_detector.model.scorer import OUTPUTS, Scorer, perimeter
 from pretouch_detector.model.weights import FOLDER, load
+from pretouch_detector.training.command import train
+from pretouch_detector.training.dataset import SIDES, Dataset, write
 from pretouch_detector.training.export import Served, export_scorer, restore
 from pretouch_detector.training.processes import processes
-from pretouch_detector.training.targets import Targets
+from pretouch_detector.training.targets import Targets, targets_of
 from pretouch_detector.training.trainer import Schedule, Trainer
+from safetensors.torch import load_file
 from torch import distributed
+from typer.testing import CliRunner
 
 from pretouch.errors import Conflict, Malformed, NotFound
 from pretouch.rectangle import RotatedRectangle
@@ -126,6 +132,33 @@ def served_equals_torch(folder: Path) -> None:
             np.testing.assert_allclose(answered, np.exp(told[:, 0]), rtol=1e-4)
     assert told.shape == (12, 2)
     assert len(OUTPUTS) == 4
+
+
+def commanded(folder: Path) -> None:
+    """`pretouch train` leaves weights that can be served, and begins with those that it is given."""
+    dataset = Dataset.create(folder / "labels", {"recipe": {"kind": "scans"}})
+    for side in SIDES:
+        write(dataset.path(side, "box-0-0"), example())
+    app = typer.Typer()
+    app.command()(train)
+    arguments = ["--dataset", str(dataset.folder), "--epochs", "1", "--device", "cpu"]
+    shipped_weights = FOLDER / "scorer.safetensors"
+    for name, more in (("anew", []), ("further", ["--rate", "0", "--start", str(shipped_weights)])):
+        done = CliRunner().invoke(app, [*arguments, *more, "--out", str(folder / name)])
+        assert done.exit_code == 0, (done.output, done.exception)
+        assert (folder / name / "curves.png").stat().st_size > 0
+    given, further = (load_file(each) for each in (shipped_weights, folder / "further" / "scorer.safetensors"))
+    for name, _ in Scorer().named_parameters():
+        torch.testing.assert_close(further[name], given[name], rtol=0, atol=0)
+    view = targets_of(example(), worst=False)
+    for name in ("anew", "further"):
+        scorer = Scorer()
+        restore(scorer, folder / name / "scorer.safetensors")
+        with torch.no_grad():
+            inputs = (torch.tensor(each)[None] for each in (view.image, view.rectangles, view.analytic))
+            by_torch = scorer.eval()(*inputs)[0, :, 0].exp().numpy()
+        answered = load(folder / name, 1).errors(Encoding(view.image, (0.0, 0.0), 1.0), view.rectangles, view.analytic)
+        np.testing.assert_allclose(answered, by_torch, rtol=1e-4)
 
 
 def shared(folder: Path) -> None:

@@ -14,7 +14,7 @@ from rich.console import Console
 from pretouch.errors import InvalidInput
 from pretouch_detector.model.scorer import Scorer
 from pretouch_detector.training.curves import draw
-from pretouch_detector.training.export import export_scorer
+from pretouch_detector.training.export import export_scorer, restore
 from pretouch_detector.training.processes import processes
 from pretouch_detector.training.targets import load
 from pretouch_detector.training.trainer import Schedule, Trainer
@@ -25,6 +25,7 @@ _INTERRUPTED = 130
 def train(
     dataset: Annotated[list[Path], typer.Option(help="Folder that `pretouch labels generate` wrote; repeatable.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; one that was stopped goes on.")],
+    start: Annotated[Path | None, typer.Option(help="Weights to begin with: a scorer.safetensors.")] = None,
     epochs: Annotated[int, typer.Option(min=1)] = Schedule.epochs,
     batch: Annotated[int, typer.Option(min=1, help="Views a step and process.")] = Schedule.batch,
     rectangles: Annotated[int, typer.Option(min=1, help="Of each view and step.")] = Schedule.rectangles,
@@ -41,8 +42,11 @@ def train(
     place = _device(device)
     torch.manual_seed(seed)
     schedule = Schedule(epochs=epochs, batch=batch, rectangles=rectangles, rate=rate, seed=seed)
+    network = Scorer()
+    if start is not None:
+        restore(network, start)
     with processes(place) as among:
-        trainer = Trainer(Scorer(), schedule, out, place, among)
+        trainer = Trainer(network, schedule, out, place, among)
         views, validation = load(dataset, "train"), load(dataset, "validation")
         try:
             trainer.train(views, validation)
