@@ -143,7 +143,7 @@ def main() -> None:
     options = parser.parse_args()
     os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[-THREADS:]))
     scenes = [scene for _, scene in views(options.views, options.meshes)]
-    deep.WEIGHTS = Weights(options.weights, "scorer")
+    deep.WEIGHTS = Weights(options.weights)
     deep.warm_up(THREADS)
     warm_up()
     command = shlex.join(["python", "-m", "benchmarks.detector_latency", *sys.argv[1:]])

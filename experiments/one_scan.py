@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_detector.model import rcnn_network
-from pretouch_detector.model.weights import FOLDER
-from pretouch_detector.proposals import propose, two_stage
+from pretouch_detector.proposals import propose
 from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_detector.spread import spread
 from pretouch_detector.training import trials
@@ -39,8 +37,6 @@ from pretouch.tof import Scan, Sensor
 
 CANDIDATES = "candidates"
 """The subject that is no proposer's: random rectangles among which the oracle chooses."""
-RCNN = "rcnn"
-"""The subject whose regions are those of the two-stage network, which no service proposes."""
 ALGORITHM_1 = "algorithm 1"
 """The subject whose regions are the best of a thousand by the paper's Algorithm 1, run on the view itself: what
 labels so made point to."""
@@ -74,7 +70,7 @@ class Job:
     Attributes:
         setup: a `FingerModel`, the finger on the displaced mesh and engine `posterior`; "paper", the paper's own
             setting, the source cut out of the moved cloud and engine `paper`.
-        subject: a proposer's name, CANDIDATES, RCNN or ALGORITHM_1.
+        subject: a proposer's name, CANDIDATES or ALGORITHM_1.
         count: rectangles; a proposer may give fewer.
         offsets: hidden calibration errors.
     """
@@ -182,16 +178,14 @@ def _scored(job: Job) -> dict[str, Any]:
     view = seen(job.target, job.seed)
     sensor = _scoring(job).finger.sensor
     foretold = job.subject == CANDIDATES and job.setup != PAPER
-    if job.subject == RCNN:
-        regions = two_stage.regions(rcnn_network.load(FOLDER, 1), view.scene, job.count)
-    elif job.subject == ALGORITHM_1:
+    if job.subject == ALGORITHM_1:
         regions = _by_labels(view.scene, job)
     else:
         proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
         regions = first_regions(view.scene, proposer, sensor, job.count)
     rectangles = [region.rectangle for region in regions]
     errors, foreseen, pathless = _errors(view, rectangles, job, foretold)
-    cloud, truths = view.scene.cloud, _truths(view, job)
+    cloud, truths = view.case.cloud, _truths(view, job)
     return {
         "rectangles": [np.round(rectangle.as_list(), 4).tolist() for rectangle in rectangles],
         "confidence": [round(region.confidence, 5) for region in regions],
@@ -243,4 +237,4 @@ def _cut_error(view: LabelView, rectangle: RotatedRectangle, truth: Pose, rng: n
     points = cut(view.case, truth.apply(scene.cloud), rectangle.shifted(*view.origin), rng)
     scan = Scan.of_points(points, -scene.table.normal)
     estimate = Registrar().register(scene, [scan], Settings(Engine.PAPER))
-    return scans.mean_error(scene.cloud, truth, estimate.base_T_correction)
+    return scans.mean_error(view.case.cloud, truth, estimate.base_T_correction)

@@ -25,7 +25,6 @@ from scipy.stats import spearmanr
 
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
-from pretouch.tof import Sensor
 
 LEAST = 5
 """Scanned rectangles that a view must have to count."""
@@ -62,11 +61,11 @@ def rankings() -> dict[str, Ranking]:
     """Those that are ready."""
     ready: dict[str, Ranking] = {
         "foreseen": lambda example: example.foreseen,
-        "stability": lambda example: remaining_error(example.scene, Sensor(), example.rectangles)[0],
+        "stability": lambda example: remaining_error(example.scene, example.sensor, example.rectangles)[0],
     }
     if not deep.not_ready():
         network = deep.WEIGHTS.network()
-        ready["deep"] = lambda example: deep.foretold(network, example.scene, Sensor(), example.rectangles)
+        ready["deep"] = lambda example: deep.foretold(network, example.scene, example.sensor, example.rectangles)
     return ready
 
 

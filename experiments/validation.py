@@ -1,11 +1,11 @@
-"""Both networks on objects that they have not seen: what they foretell against what scans achieve.
+"""The network of `deep` on objects that it has not seen: what it foretells against what scans achieve.
 
     python experiments/validation.py [--meshes DIR] [--limit 30] [--candidates 14] [--offsets 8] [--out docs/results]
 
 One view of each mesh of the side `validation`, the first so many in an order that mixes the sources. On each view all
 candidates, random rectangles, are scanned alone with the same hidden calibration errors; the errors' means are
-compared with what `deep`'s network, the two-stage network, `stability` and the registrar itself foretell. Then the
-first ten regions of both networks are scanned likewise. Writes validation.md, validation.json and validation.png. DIR
+compared with what the network, `stability` and the registrar itself foretell. Then the first ten regions of `deep` are
+scanned likewise. Writes validation.md, validation.json and validation.png. DIR
 is data/meshes/train of PRETOUCH_SHARED unless given. A run that was stopped goes on.
 """
 
@@ -21,10 +21,7 @@ from pathlib import Path
 import numpy as np
 from collecting import SHARED, collect
 from command_line import start
-from one_scan import CANDIDATES, RCNN, Job, Row, Target, seen
-from pretouch_detector.model import rcnn_network
-from pretouch_detector.model.encoding import encode
-from pretouch_detector.model.weights import FOLDER, THREADS
+from one_scan import CANDIDATES, Job, Row, Target, seen
 from pretouch_detector.proposals import deep
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_simulation.mesh_folder import meshes_in
@@ -59,16 +56,15 @@ def run(arguments: argparse.Namespace) -> None:
 
     Raises:
         InvalidInput: no view has candidates that differ.
-        Unavailable: a network cannot be read.
+        Unavailable: the network cannot be read.
     """
-    networks = foretellings()
+    foretellers = foretellings()
     jobs = []
     for path in meshes_in(arguments.meshes, limit=arguments.limit, split=Split.VALIDATION):
-        subjects = ((CANDIDATES, arguments.candidates), (Proposer.DEEP.value, FIRST), (RCNN, FIRST))
-        offsets = (arguments.offsets, max(1, arguments.offsets // 2), max(1, arguments.offsets // 2))
+        target, half = Target(path, 0), max(1, arguments.offsets // 2)
         jobs += [
-            Job(Target(path, 0), _SETUP, subject, count, each, arguments.seed)
-            for (subject, count), each in zip(subjects, offsets, strict=True)
+            Job(target, _SETUP, CANDIDATES, arguments.candidates, arguments.offsets, arguments.seed),
+            Job(target, _SETUP, Proposer.DEEP.value, FIRST, half, arguments.seed),
         ]
     settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
     rows = collect(jobs, arguments.workers, arguments.out / "validation.partial", settings, "validation")
@@ -78,7 +74,7 @@ def run(arguments: argparse.Namespace) -> None:
     targets = {job.target.name: job.target for job in jobs}
     foretold = {
         name: [each(seen(targets[row.target], row.seed).scene, np.array(row.rectangles)) for row in views]
-        for name, each in networks.items()
+        for name, each in foretellers.items()
     }
     foretold["registrar (PredictScans)"] = [np.array(row.foreseen) for row in views]
     command = shlex.join(["python", "experiments/validation.py", *sys.argv[1:]])
@@ -99,10 +95,8 @@ def run(arguments: argparse.Namespace) -> None:
 def foretellings() -> dict[str, Foretelling]:
     """What foretells the error of each rectangle (n, 5) of a scene; (n,), m."""
     scorer = deep.WEIGHTS.network()
-    two_stage = rcnn_network.load(FOLDER, THREADS)
     return {
         "deep": lambda scene, rectangles: deep.foretold(scorer, scene, Sensor(), rectangles),
-        "rcnn": lambda scene, rectangles: two_stage.errors(encode(scene), rectangles),
         "stability": lambda scene, rectangles: remaining_error(scene, Sensor(), rectangles)[0],
     }
 
@@ -138,11 +132,10 @@ def report(command: str, rows: Sequence[Row], views: Sequence[Row], foretold: di
             f"| {100 * best:.2f} |"
         )
     lines += ["", f"Any rectangle: {100 * everyone.mean():.2f} cm.", ""]
+    by_deep = [np.mean(row.errors, axis=1) for row in rows if row.subject == Proposer.DEEP.value and row.errors]
+    flat = np.concatenate(by_deep)
     lines += ["| first ten regions of | n | mean (std), cm |", "|---|---|---|"]
-    for subject in (Proposer.DEEP.value, RCNN):
-        errors = [np.mean(row.errors, axis=1) for row in rows if row.subject == subject and row.errors]
-        flat = np.concatenate(errors)
-        lines.append(f"| {subject} | {len(flat)} | {100 * flat.mean():.2f} ({100 * flat.std():.2f}) |")
+    lines.append(f"| deep | {len(flat)} | {100 * flat.mean():.2f} ({100 * flat.std():.2f}) |")
     return "\n".join([*lines, "", "![Foretold against achieved](validation.png)", ""])
 
 

@@ -8,6 +8,9 @@ from pretouch_detector.training.dataset import Example
 from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Plane, Pose
 from pretouch.scene import Scene
+from pretouch.tof import Sensor
+
+SENSOR = Sensor(0.02, 0.09, 0.002, 0.15)
 
 
 def scene(height: int = 20, width: int = 24) -> Scene:
@@ -26,4 +29,6 @@ def example(name: str = "box-0-0", rectangles: int = 6, trials: int = 2, seen: S
     scores = rng.uniform(0.001, 0.03, (rectangles, trials)).astype(np.float32)
     scores[: rectangles // 2] = np.nan
     foreseen = rng.uniform(0.002, 0.015, rectangles).astype(np.float32)
-    return Example(name, name.partition("-")[0], seen or scene(), boxes, scores, scores / 2, foreseen, {"view": 0})
+    return Example(
+        name, name.partition("-")[0], seen or scene(), SENSOR, boxes, scores, scores / 2, foreseen, {"view": 0}
+    )

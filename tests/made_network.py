@@ -32,7 +32,7 @@ def write(
     """Writes scorer.onnx and scorer.json into `folder`; `facts` replace what the latter says."""
     folder.mkdir(exist_ok=True)
     (folder / "scorer.onnx").write_bytes(_model(np.asarray(slope, np.float32), bias, share, output))
-    about = {"format": FORMAT, "design": "scorer", "channels": list(CHANNELS), "size": SIZE, **facts}
+    about = {"format": FORMAT, "channels": list(CHANNELS), "size": SIZE, **facts}
     (folder / "scorer.json").write_text(json.dumps(about))
     return folder
 

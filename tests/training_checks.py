@@ -11,17 +11,20 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from pretouch_detector.model import rcnn_network
+import typer
+from label_cases import example
 from pretouch_detector.model.encoding import CHANNELS, SIZE, Encoding
-from pretouch_detector.model.rcnn import RotatedRCNN
 from pretouch_detector.model.scorer import OUTPUTS, Scorer, perimeter
 from pretouch_detector.model.weights import FOLDER, load
+from pretouch_detector.training.command import train
+from pretouch_detector.training.dataset import SIDES, Dataset, write
 from pretouch_detector.training.export import Served, export_scorer, restore
 from pretouch_detector.training.processes import processes
-from pretouch_detector.training.scorer_loss import scorer_loss
-from pretouch_detector.training.targets import Targets
+from pretouch_detector.training.targets import Targets, targets_of
 from pretouch_detector.training.trainer import Schedule, Trainer
+from safetensors.torch import load_file
 from torch import distributed
+from typer.testing import CliRunner
 
 from pretouch.errors import Conflict, Malformed, NotFound
 from pretouch.rectangle import RotatedRectangle
@@ -76,7 +79,7 @@ def perimeters(folder: Path) -> None:
 def learns(folder: Path) -> None:
     """Three dozen steps on a rule that can be seen bring the loss down."""
     torch.manual_seed(0)
-    trainer = Trainer(Scorer(), scorer_loss, Schedule(epochs=6, batch=4, rectangles=12, average=0.5), folder, CPU)
+    trainer = Trainer(Scorer(), Schedule(epochs=6, batch=4, rectangles=12, average=0.5), folder, CPU)
     trainer.train(made_views(24), made_views(8, 1))
     first, last = trainer.log[0]["validation foreseen"], trainer.log[-1]["validation foreseen"]
     assert last < 0.8 * first, (first, last)
@@ -88,12 +91,12 @@ def resumes(folder: Path) -> None:
     for name, stops in (("whole", False), ("stopped", True)):
         torch.manual_seed(0)
         model = Scorer()
-        trainer = Trainer(model, scorer_loss, SCHEDULE, folder / name, CPU)
+        trainer = Trainer(model, SCHEDULE, folder / name, CPU)
         if stops:
             with suppress(KeyboardInterrupt):
                 trainer.train(views, Interrupting(validation))
             assert len(trainer.log) == 1
-            trainer = Trainer(Scorer(), scorer_loss, SCHEDULE, folder / name, CPU)
+            trainer = Trainer(Scorer(), SCHEDULE, folder / name, CPU)
             assert len(trainer.log) == 1
         trainer.train(views, validation)
     whole, stopped = (torch.load(folder / n / "checkpoint.pt", weights_only=True) for n in ("whole", "stopped"))
@@ -101,7 +104,7 @@ def resumes(folder: Path) -> None:
     for name, value in whole["averaged"].items():
         torch.testing.assert_close(value, stopped["averaged"][name], rtol=0, atol=1e-4)
     try:
-        Trainer(Scorer(), scorer_loss, Schedule(epochs=3), folder / "whole", CPU)
+        Trainer(Scorer(), Schedule(epochs=3), folder / "whole", CPU)
     except Conflict:
         return
     raise AssertionError("another schedule went on with the run")
@@ -113,10 +116,10 @@ def served_equals_torch(folder: Path) -> None:
     model = Scorer()
     for parameter in model.head.parameters():
         torch.nn.init.normal_(parameter, std=0.1)
-    trainer = Trainer(model, scorer_loss, SCHEDULE, folder / "run", CPU)
+    trainer = Trainer(model, SCHEDULE, folder / "run", CPU)
     trainer.train(made_views(4), made_views(4, 1))
     export_scorer(folder / "run" / "weights.safetensors", folder / "served", {})
-    network = load(folder / "served", "scorer", 1)
+    network = load(folder / "served", 1)
     restore(model, folder / "served" / "scorer.safetensors")
     served = Served(model).eval()
     for view in made_views(3, 7):
@@ -131,11 +134,38 @@ def served_equals_torch(folder: Path) -> None:
     assert len(OUTPUTS) == 4
 
 
+def commanded(folder: Path) -> None:
+    """`pretouch train` leaves weights that can be served, and begins with those that it is given."""
+    dataset = Dataset.create(folder / "labels", {"recipe": {"kind": "scans"}})
+    for side in SIDES:
+        write(dataset.path(side, "box-0-0"), example())
+    app = typer.Typer()
+    app.command()(train)
+    arguments = ["--dataset", str(dataset.folder), "--epochs", "1", "--device", "cpu"]
+    shipped_weights = FOLDER / "scorer.safetensors"
+    for name, more in (("anew", []), ("further", ["--rate", "0", "--start", str(shipped_weights)])):
+        done = CliRunner().invoke(app, [*arguments, *more, "--out", str(folder / name)])
+        assert done.exit_code == 0, (done.output, done.exception)
+        assert (folder / name / "curves.png").stat().st_size > 0
+    given, further = (load_file(each) for each in (shipped_weights, folder / "further" / "scorer.safetensors"))
+    for name, _ in Scorer().named_parameters():
+        torch.testing.assert_close(further[name], given[name], rtol=0, atol=0)
+    view = targets_of(example(), worst=False)
+    for name in ("anew", "further"):
+        scorer = Scorer()
+        restore(scorer, folder / name / "scorer.safetensors")
+        with torch.no_grad():
+            inputs = (torch.tensor(each)[None] for each in (view.image, view.rectangles, view.analytic))
+            by_torch = scorer.eval()(*inputs)[0, :, 0].exp().numpy()
+        answered = load(folder / name, 1).errors(Encoding(view.image, (0.0, 0.0), 1.0), view.rectangles, view.analytic)
+        np.testing.assert_allclose(answered, by_torch, rtol=1e-4)
+
+
 def shared(folder: Path) -> None:
     """By torchrun: each process learns from its own views; all come to the same weights and part before the end."""
     torch.manual_seed(0)
     with processes(CPU) as among:
-        trainer = Trainer(Scorer(), scorer_loss, SCHEDULE, folder, CPU, among)
+        trainer = Trainer(Scorer(), SCHEDULE, folder, CPU, among)
         trainer.train(made_views(16), made_views(4, 1))
         assert among.world == 2
         mine = torch.cat([parameter.detach().flatten() for parameter in trainer.model.parameters()])
@@ -147,13 +177,10 @@ def shared(folder: Path) -> None:
 
 
 def shipped(folder: Path) -> None:
-    """The weights that are shipped: both files of each network are the same network."""
-    network = load(FOLDER, "scorer", 1)
+    """The weights that are shipped: both files are the same network."""
+    network = load(FOLDER, 1)
     scorer = Scorer()
     restore(scorer, FOLDER / "scorer.safetensors")
-    two_stage = rcnn_network.load(FOLDER, 1)
-    rcnn = RotatedRCNN()
-    restore(rcnn, FOLDER / "rcnn.safetensors")
     for view in made_views(3, 11):
         encoding = Encoding(view.image, (0.0, 0.0), 1.0)
         image, rectangles, analytic = (
@@ -161,9 +188,7 @@ def shipped(folder: Path) -> None:
         )
         with torch.no_grad():
             by_scorer = scorer.eval()(image, rectangles, analytic)[0, :, 0].exp().numpy()
-            by_rcnn = rcnn.eval()(image, rectangles)[0, :, 0].exp().numpy()
         np.testing.assert_allclose(network.errors(encoding, view.rectangles, view.analytic), by_scorer, rtol=1e-4)
-        np.testing.assert_allclose(two_stage.errors(encoding, view.rectangles), by_rcnn, rtol=1e-4)
 
 
 def refuses(folder: Path) -> None:

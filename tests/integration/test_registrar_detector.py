@@ -166,7 +166,7 @@ async def test_the_detector_proposes_and_names_what_is_ready(
     weights: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = made_network.write(tmp_path / "weights") if weights == "good" else tmp_path
-    monkeypatch.setattr(deep, "WEIGHTS", Weights(folder, "scorer"))
+    monkeypatch.setattr(deep, "WEIGHTS", Weights(folder))
     best = ["deep"] if weights == "good" else []
     async with served("detector", detector_running, DetectorServiceStub) as stub:
         listed = (await stub.ListProposers(detector_pb2.ListProposersRequest(), timeout=60)).proposers

@@ -11,7 +11,9 @@ pytestmark = pytest.mark.skipif(importlib.util.find_spec("torch") is None, reaso
 CHECKS = Path(__file__).parents[1] / "training_checks.py"
 
 
-@pytest.mark.parametrize("check", ["perimeters", "learns", "resumes", "served_equals_torch", "shipped", "refuses"])
+@pytest.mark.parametrize(
+    "check", ["perimeters", "learns", "resumes", "served_equals_torch", "commanded", "shipped", "refuses"]
+)
 def test_training(check: str, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, CHECKS, check, tmp_path], capture_output=True, text=True, timeout=280)
     assert done.returncode == 0, done.stderr

@@ -7,10 +7,10 @@ import made_network
 import numpy as np
 import pytest
 from pretouch_detector.model.weights import Network, Weights, load
-from pretouch_detector.overlap import common_areas
+from pretouch_detector.overlap import share
 from pretouch_detector.proposals import deep, propose
 from pretouch_detector.proposals.information import remaining_error
-from pretouch_detector.proposals.random import allowed, drawn
+from pretouch_detector.proposals.random import AREA, LOG_ASPECT, MIN_OVERLAP, drawn
 from pretouch_detector.spread import MAX_OVERLAP
 from scenes import KINECT, Box, View, World, looking
 
@@ -29,7 +29,7 @@ AT_THE_BORDER = View(looking((0.0, 0.47, 0.02)))
 
 @pytest.fixture(autouse=True)
 def network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Network:
-    weights = Weights(made_network.write(tmp_path / "weights"), "scorer")
+    weights = Weights(made_network.write(tmp_path / "weights"))
     monkeypatch.setattr(deep, "WEIGHTS", weights)
     return weights.network()
 
@@ -42,11 +42,15 @@ def rows(scene: Scene, count: int = 20, seed: int = 0) -> tuple[np.ndarray, np.n
 
 def check(scene: Scene, rectangles: np.ndarray) -> None:
     """The rules of Algorithm 1, and that no two are much the same."""
-    assert allowed(rectangles, scene).all()
-    areas = rectangles[:, 2] * rectangles[:, 3]
-    for k in range(1, len(rectangles)):
-        common = common_areas(rectangles[k], rectangles[:k])
-        assert (common / (areas[k] + areas[:k] - common) <= MAX_OVERLAP + 1e-9).all()
+    u0, v0, u1, v1 = scene.bounds()
+    bounding = np.array([(u0 + u1 - 1) / 2, (v0 + v1 - 1) / 2, u1 - u0, v1 - v0, 0.0])
+    areas = rectangles[:, 2] * rectangles[:, 3] / (bounding[2] * bounding[3])
+    assert ((areas >= AREA[0] - 1e-9) & (areas <= AREA[1] + 1e-9)).all()
+    assert (np.abs(np.log(rectangles[:, 2] / rectangles[:, 3])) <= LOG_ASPECT + 1e-9).all()
+    assert (2 * np.abs(rectangles[:, :2] - bounding[:2]) <= bounding[2:4] + 1e-9).all()
+    for k, rectangle in enumerate(rectangles):
+        assert share(bounding, rectangle) >= MIN_OVERLAP - 1e-9
+        assert all(share(rectangle, other) <= MAX_OVERLAP + 1e-9 for other in rectangles[:k])
 
 
 def test_the_regions_are_the_networks_best_of_many(network: Network) -> None:
@@ -63,7 +67,7 @@ def test_the_regions_are_the_networks_best_of_many(network: Network) -> None:
 
 
 def test_a_network_without_a_word_of_its_own_leaves_the_ranking_of_stability(tmp_path: Path) -> None:
-    silent = load(made_network.write(tmp_path / "silent", [0] * 5, bias=0.0, share=1.0), "scorer", 1)
+    silent = load(made_network.write(tmp_path / "silent", [0] * 5, bias=0.0, share=1.0), 1)
     scene = WORLD.scene()
     regions = deep.regions(silent, scene, Sensor(), 10, np.random.default_rng(0))
     rectangles = np.array([region.rectangle.as_list() for region in regions])
@@ -79,12 +83,12 @@ def test_the_same_request_gives_the_same_regions_whoever_asks_beside_it(tmp_path
     with ThreadPoolExecutor(4) as pool:
         answers = list(pool.map(lambda seed: propose(scene, Proposer.DEEP, Sensor(), 20, seed), [7, 8, 7, 9, 7, 7]))
     assert [answer == expected for answer in answers] == [True, False, True, False, True, True]
-    alone = load(tmp_path / "weights", "scorer", 1)
+    alone = load(tmp_path / "weights", 1)
     assert deep.regions(alone, scene, Sensor(), 20, np.random.default_rng(7)) == expected.regions
 
 
 def test_a_confidence_is_a_share_however_bad_the_network_thinks_all_regions(tmp_path: Path) -> None:
-    hopeless = load(made_network.write(tmp_path / "hopeless", bias=3.0), "scorer", 1)
+    hopeless = load(made_network.write(tmp_path / "hopeless", bias=3.0), 1)
     regions = deep.regions(hopeless, WORLD.scene(), Sensor(), 5, np.random.default_rng(0))
     assert [region.confidence for region in regions] == [0.0] * 5
 

@@ -53,7 +53,7 @@ BAD = {
 def test_weights_that_cannot_be_used(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     change, word = BAD[name]
     change(made_network.write(tmp_path / "weights"))
-    monkeypatch.setattr(deep, "WEIGHTS", Weights(tmp_path / "weights", "scorer"))
+    monkeypatch.setattr(deep, "WEIGHTS", Weights(tmp_path / "weights"))
     states = readiness()
     assert states[:-1] == [(other, "") for other in OTHERS]
     assert states[-1][0] is Proposer.DEEP
@@ -68,13 +68,13 @@ def test_weights_that_cannot_be_used(name: str, tmp_path: Path, monkeypatch: pyt
 
 
 def test_without_onnxruntime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(deep, "WEIGHTS", Weights(made_network.write(tmp_path / "weights"), "scorer"))
+    monkeypatch.setattr(deep, "WEIGHTS", Weights(made_network.write(tmp_path / "weights")))
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     assert dict(readiness())[Proposer.DEEP] == "onnxruntime is not installed."
 
 
 def test_weights_that_fit_make_deep_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(deep, "WEIGHTS", Weights(made_network.write(tmp_path / "weights"), "scorer"))
+    monkeypatch.setattr(deep, "WEIGHTS", Weights(made_network.write(tmp_path / "weights")))
     assert readiness() == [(proposer, "") for proposer in (Proposer.DEEP, *OTHERS)]
     assert propose(SCENE, None, Sensor(), 3, 0).proposer is Proposer.DEEP
 
@@ -90,7 +90,7 @@ def test_the_weights_that_are_shipped_make_deep_the_best_and_know_a_bad_region_f
 
 def test_the_network_is_read_once(tmp_path: Path) -> None:
     folder = made_network.write(tmp_path / "weights")
-    weights = Weights(folder, "scorer")
+    weights = Weights(folder)
     network = weights.network()
     (folder / "scorer.onnx").unlink()
     assert weights.network() is network
@@ -101,7 +101,7 @@ def test_naming_the_proposers_imports_no_onnxruntime_and_asking_deep_no_torch(tm
     script = (
         "import sys, pathlib, pretouch_detector.proposals.deep as deep, pretouch_detector.model.weights as weights\n"
         "assert 'onnxruntime' not in sys.modules\n"
-        f"deep.WEIGHTS = weights.Weights(pathlib.Path({str(tmp_path / 'weights')!r}), 'scorer')\n"
+        f"deep.WEIGHTS = weights.Weights(pathlib.Path({str(tmp_path / 'weights')!r}))\n"
         "assert not deep.not_ready(), deep.not_ready()\n"
         "assert 'onnxruntime' in sys.modules\n"
         "sys.exit('torch' in sys.modules)"
@@ -110,7 +110,7 @@ def test_naming_the_proposers_imports_no_onnxruntime_and_asking_deep_no_torch(tm
 
 
 def test_the_error_is_the_exponential_of_the_answer(tmp_path: Path) -> None:
-    network = Weights(made_network.write(tmp_path / "weights", (0, 0, 0.5, 0, 0), -1.0, 0.5), "scorer").network()
+    network = Weights(made_network.write(tmp_path / "weights", (0, 0, 0.5, 0, 0), -1.0, 0.5)).network()
     encoding = deep.encode(SCENE)
     assert encoding.image.shape[0] == len(CHANNELS)
     rectangles = np.array([(60.0, 50, 20, 10, 0.1), (70.0, 55, 30, 12, 0.2)])

@@ -1,11 +1,8 @@
-"""What the networks see: heights and places in metres, whatever camera saw them; rectangles there and back."""
+"""What the network sees: heights and places in metres, whatever camera saw them; rectangles in the square's units."""
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pretouch_detector.model.encoding import CHANNELS, LENGTH, SCALE, SIZE, Encoding, encode
 from scenes import KINECT, Box, View, World, looking
 
@@ -56,18 +53,7 @@ def test_an_object_at_the_images_border_and_a_camera_that_looks_straight_down() 
         assert (image[OBJECT] > 0).sum() > 500
 
 
-numbers = st.floats(-2.0, 2.0)
-
-
-@given(st.tuples(numbers, numbers, st.floats(0.01, 2.0), st.floats(0.01, 2.0), st.floats(-1.5, 1.5)), st.floats(5, 500))
-def test_rectangles_come_back_from_the_squares_units(rectangle: tuple[float, ...], half: float) -> None:
-    encoding = Encoding(np.zeros((len(CHANNELS), SIZE, SIZE), np.float32), (321.5, 77.0), half)
-    there = encoding.normalised(encoding.pixels([rectangle]))
-    np.testing.assert_allclose(there, [rectangle], rtol=1e-5, atol=1e-5)
-
-
-@pytest.mark.parametrize("corner", [(-1.0, -1.0), (1.0, 1.0)])
-def test_the_squares_corners_are_at_one(corner: tuple[float, float]) -> None:
-    encoding = encode(BOX.scene(KINECT))
-    u, v = encoding.pixels([(*corner, 1.0, 1.0, 0.0)])[0, :2]
-    assert (u, v) == pytest.approx(np.array(encoding.centre) + encoding.half * np.array(corner))
+def test_in_the_squares_units_a_rectangle_keeps_its_direction_and_the_square_reaches_from_minus_1_to_1() -> None:
+    encoding = Encoding(np.zeros((len(CHANNELS), SIZE, SIZE), np.float32), (321.5, 77.0), 50.0)
+    given = [(271.5, 27.0, 100.0, 25.0, 0.3), (371.5, 127.0, 50.0, 200.0, -1.5)]
+    np.testing.assert_allclose(encoding.normalised(given), [(-1, -1, 2, 0.5, 0.3), (1, 1, 1, 4, -1.5)], rtol=1e-6)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from label_cases import example, scene
+from label_cases import SENSOR, example, scene
 from pretouch_detector.training.dataset import DEPTH_UNIT, FORMAT, Dataset, Example, read, write
 
 from pretouch.errors import Conflict, InvalidInput, Malformed, NotFound
@@ -28,7 +28,7 @@ def examples(draw: st.DrawFn) -> Example:
         )
 
     return Example(
-        draw(TEXTS), draw(TEXTS), scene(draw(st.integers(16, 30)), draw(st.integers(18, 40))),
+        draw(TEXTS), draw(TEXTS), scene(draw(st.integers(16, 30)), draw(st.integers(18, 40))), SENSOR,
         rng.uniform(1, 20, (count, 5)).astype(np.float32), errors(count, trials), errors(count, trials), errors(count),
         draw(st.dictionaries(TEXTS, st.one_of(st.integers(), TEXTS, st.none()), max_size=3)),
     )  # fmt: skip
@@ -44,6 +44,8 @@ def test_a_view_is_read_back_as_it_was_written(written: Example) -> None:
         assert [other.name for other in path.parent.iterdir()] == ["view.npz"]
     assert (found.name, found.object, found.provenance) == (written.name, written.object, written.provenance)
     np.testing.assert_allclose(found.scene.depth.metres, written.scene.depth.metres, atol=0.51 * DEPTH_UNIT)
+    for name in ("range_min", "range_max", "range_std", "beam_half_angle"):
+        assert getattr(found.sensor, name) == getattr(written.sensor, name)
     np.testing.assert_array_equal(found.scene.mask, written.scene.mask)
     assert found.scene.camera == written.scene.camera
     assert found.scene.base_T_camera.is_close(written.scene.base_T_camera, 0)
@@ -121,6 +123,6 @@ def test_half_written_files_do_not_count(tmp_path: Path) -> None:
 
 def test_a_rectangle_is_as_good_as_its_trials() -> None:
     given_scores = np.array([[0.01, 0.03], [np.nan, np.nan], [np.nan, 0.02]])
-    view = Example("a", "a", scene(), np.ones((3, 5)), given_scores, given_scores, given_scores[:, 0], {})
+    view = Example("a", "a", scene(), SENSOR, np.ones((3, 5)), given_scores, given_scores, given_scores[:, 0], {})
     np.testing.assert_allclose(view.achieved(worst=True), [0.03, np.nan, 0.02])
     np.testing.assert_allclose(view.achieved(worst=False), [0.02, np.nan, 0.02])

@@ -15,6 +15,7 @@ from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe, label, labelled
 from pretouch_simulation.labels.pictures import save_contact_sheet, save_statistics
 from pretouch_simulation.labels.procedural import procedural
+from pretouch_simulation.labels.scans import Scoring, after_scan
 from pretouch_simulation.labels.statistics import statistics, statistics_of, table
 from pretouch_simulation.labels.task import Task
 from pretouch_simulation.mesh import Mesh
@@ -24,6 +25,8 @@ from rich.console import Console
 
 from pretouch.errors import NotFound
 from pretouch.estimate import Prior, from_prior
+from pretouch.geometry import Pose
+from pretouch.tof import Sensor
 
 TRIALS = Recipe(Kind.TRIALS, Engine.PAPER, rectangles=12, scanned=0, trials=3)
 
@@ -84,6 +87,21 @@ def test_a_view_is_scanned_by_a_finger_of_its_own(tmp_path: Path) -> None:
     assert np.isfinite(view.scores).sum() == 1
     np.testing.assert_array_equal(again.scores, view.scores)
     assert (view.foreseen != ideal.foreseen).any()
+    assert (ideal.sensor.range_std, ideal.sensor.beam_half_angle) == (Sensor().range_std, 0.0)
+    others = [made(task, recipe, tmp_path) for task in (Task(0, 0, 0), Task(0, 1, 1))]
+    assert len({each.sensor.range_std for each in (view, *others)}) == 3
+
+
+def test_where_the_clients_mask_strays_the_objects_true_points_are_scored(tmp_path: Path) -> None:
+    view = Task(0, 1, 0).seen(0)
+    truth = Pose.of(np.eye(3), np.array([0.01, 0.0, 0.0])) @ Pose.from_rotation_vector([0.0, 0.0, 0.2], np.zeros(3))
+    strayed = replace(view.scene, mask=view.scene.depth.metres > 0)
+    errors = [
+        after_scan(replace(view, scene=scene), None, truth, Scoring(), np.random.default_rng(0))[0]
+        for scene in (view.scene, strayed)
+    ]
+    cloud = view.case.cloud
+    assert errors == [pytest.approx(np.linalg.norm(truth.apply(cloud) - cloud, axis=1).mean())] * 2
 
 
 def test_a_mesh_in_millimetres_is_named_and_said_how_to_mend(tmp_path: Path) -> None:

@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_detector.model.anchors import quarter_turned
-from pretouch_detector.overlap import common_areas, overlap
+from pretouch_detector.overlap import common_areas, share
 from rotated_shapes import rectangles, several, shapely_overlap
+
+
+def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(n, m): of all with all."""
+    return np.array([[share(one, other) for other in second] for one in first])
 
 
 @settings(max_examples=60)
@@ -24,9 +28,9 @@ def test_symmetric_and_between_0_and_1(first: np.ndarray, second: np.ndarray) ->
 
 @given(rectangles)
 def test_with_itself_told_either_way_it_is_1(rectangle: np.ndarray) -> None:
-    itself = rectangle[None]
-    other = quarter_turned(itself, np.array([True]))
-    np.testing.assert_allclose([overlap(itself, itself)[0, 0], overlap(itself, other)[0, 0]], 1, atol=1e-9)
+    x, y, w, h, theta = rectangle
+    quarter_turned = np.array([x, y, h, w, theta + np.pi / 2])
+    np.testing.assert_allclose([share(rectangle, rectangle), share(rectangle, quarter_turned)], 1, atol=1e-9)
 
 
 @given(rectangles, rectangles, st.floats(-3, 3), st.floats(-3, 3), st.floats(0.2, 5), st.booleans())
@@ -39,10 +43,9 @@ def test_moved_scaled_turned_or_mirrored_together_they_overlap_as_before(
         x, y, theta = c * x - s * y + shift, s * x + c * y - shift, theta + turn
         if mirror:
             x, theta = -x, -theta
-        return np.array([[scale * x, scale * y, scale * w, scale * h, theta]])
+        return np.array([scale * x, scale * y, scale * w, scale * h, theta])
 
-    before = overlap(first[None], second[None])
-    np.testing.assert_allclose(overlap(moved(first), moved(second)), before, atol=1e-9)
+    assert share(moved(first), moved(second)) == pytest.approx(share(first, second), abs=1e-9)
 
 
 @pytest.mark.parametrize("theta", [0.0, 0.3, -np.pi / 2, np.pi / 4])
@@ -55,5 +58,4 @@ def test_one_beside_many_of_itself_of_one_within_and_of_one_apart(theta: float) 
 
 
 def test_of_none_there_is_none() -> None:
-    assert overlap(np.zeros((0, 5)), np.ones((3, 5))).shape == (0, 3)
     assert common_areas((0.0, 0.0, 1.0, 1.0, 0.0), np.zeros((0, 5))).shape == (0,)

@@ -62,7 +62,7 @@ def test_left_out_the_best_ready_proposer_is_taken_and_named(scene: Scene) -> No
 def test_a_proposer_that_is_not_ready_is_refused_with_those_that_are(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(deep, "WEIGHTS", Weights(tmp_path, "scorer"))
+    monkeypatch.setattr(deep, "WEIGHTS", Weights(tmp_path))
     with pytest.raises(Unavailable) as raised:
         propose(scene, Proposer.DEEP, Sensor(), 3, 0)
     assert {"random", "narf"} <= set(raised.value.remedy.rstrip(".").removeprefix("Choose one of ").split(", "))

@@ -8,11 +8,11 @@ from pretouch_detector.spread import MAX_OVERLAP, spread
 from rotated_shapes import drawn, several, shapely_overlap
 
 
-def by_definition(shared: np.ndarray, limit: float, count: int) -> list[int]:
-    """Each is kept that overlaps no kept one before it by more than the limit."""
+def by_definition(shared: np.ndarray, count: int) -> list[int]:
+    """Each is kept that overlaps no kept one before it by more than MAX_OVERLAP."""
     kept: list[int] = []
     for index in range(len(shared)):
-        if len(kept) < count and all(shared[index, before] <= limit for before in kept):
+        if len(kept) < count and all(shared[index, before] <= MAX_OVERLAP for before in kept):
             kept.append(index)
     return kept
 
@@ -23,28 +23,27 @@ def test_the_same_as_one_by_one(seed: int, count: int, room: float) -> None:
     rng = np.random.default_rng(seed)
     low, high = (0, 0, 10, 10, -np.pi / 2), (room, room, 25, 25, np.pi / 2)
     ranked = rng.uniform(low, high, (30, 5))
-    assert spread(ranked, count) == by_definition(shapely_overlap(ranked, ranked), MAX_OVERLAP, count)
+    assert spread(ranked, count) == by_definition(shapely_overlap(ranked, ranked), count)
 
 
 @settings(max_examples=60)
-@given(several(1, 14), st.floats(0.05, 0.95))
-def test_as_defined(rectangles: np.ndarray, limit: float) -> None:
+@given(several(1, 14))
+def test_as_defined(rectangles: np.ndarray) -> None:
     shared = shapely_overlap(rectangles, rectangles)
-    assume((np.abs(shared - limit) > 1e-9).all())  # shapely and the formula round differently
-    assert spread(rectangles, len(rectangles), limit) == by_definition(shared, limit, len(shared))
+    assume((np.abs(shared - MAX_OVERLAP) > 1e-9).all())  # shapely and the formula round differently
+    assert spread(rectangles, len(rectangles)) == by_definition(shared, len(shared))
 
 
-@pytest.mark.parametrize("limit", [0.1, 0.3, 0.6])
-def test_as_defined_on_many(limit: float) -> None:
+def test_as_defined_on_many() -> None:
     rectangles = drawn(np.random.default_rng(3), 200)
-    expected = by_definition(shapely_overlap(rectangles, rectangles), limit, 200)
+    expected = by_definition(shapely_overlap(rectangles, rectangles), 200)
     assert 1 < len(expected) < 200
-    assert spread(rectangles, 200, limit) == expected
-    assert spread(rectangles, 5, limit) == expected[:5]
+    assert spread(rectangles, 200) == expected
+    assert spread(rectangles, 5) == expected[:5]
 
 
 def test_of_equal_ones_the_first_stays() -> None:
-    assert spread(np.tile([0.0, 0.0, 1.0, 0.5, 0.3], (4, 1)), 4, 0.99) == [0]
+    assert spread(np.tile([0.0, 0.0, 1.0, 0.5, 0.3], (4, 1)), 4) == [0]
 
 
 @pytest.mark.parametrize(("shift", "kept"), [(2.4, [0]), (2.6, [0, 1])])

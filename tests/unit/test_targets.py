@@ -14,11 +14,12 @@ from pretouch.errors import InvalidInput
 from pretouch.tof import Sensor
 
 NAN = np.nan
+CONE = Sensor(beam_half_angle=0.2)
 SCENE = World((Box.standing((0.10, 0.06, 0.05), yaw=0.4),)).scene()
 U0, V0, U1, V1 = SCENE.bounds()
 RECTANGLES = np.array([[0.5 * (U0 + U1), 0.5 * (V0 + V1), 20.0 + k, 15.0, 0.1 * k] for k in range(3)])
 EXAMPLE = Example(
-    "box-0", "box", SCENE, RECTANGLES, np.array([[0.002, 0.004], [NAN, NAN], [0.01, 0.02]]),
+    "box-0", "box", SCENE, CONE, RECTANGLES, np.array([[0.002, 0.004], [NAN, NAN], [0.01, 0.02]]),
     np.array([[0.003, 0.005], [NAN, NAN], [NAN, NAN]]), np.array([0.006, 0.007, NAN]), {},
 )  # fmt: skip
 
@@ -30,7 +31,8 @@ def test_targets(worst: bool, achieved: list[float]) -> None:
     np.testing.assert_allclose(targets.errors[:, ACHIEVED], achieved, rtol=1e-6)
     np.testing.assert_allclose(targets.errors[:, EXPECTED], [0.004, NAN, NAN], rtol=1e-6)
     np.testing.assert_allclose(targets.errors[:, FORESEEN], [0.006, 0.007, NAN], rtol=1e-6)
-    np.testing.assert_allclose(targets.analytic, remaining_error(SCENE, Sensor(), RECTANGLES)[0], rtol=1e-6)
+    np.testing.assert_allclose(targets.analytic, remaining_error(SCENE, CONE, RECTANGLES)[0], rtol=1e-6)
+    assert (targets.analytic > 1.01 * remaining_error(SCENE, Sensor(), RECTANGLES)[0]).all()
     assert np.abs(targets.rectangles[:, :2]).max() < 0.02  # in the middle of the square
 
 

@@ -14,27 +14,11 @@ _FLAT = 1e-12
 """A length below which an edge's extent counts as this one; it bounds a wrong share by as much."""
 
 
-def overlap(first: ArrayLike, second: ArrayLike) -> Array:
-    """(n, m) in [0, 1]: intersection over union of (n, 5) and (m, 5), all with all."""
-    some, others = (np.ascontiguousarray(each, dtype=np.float64).reshape(-1, 5) for each in (first, second))
-    shared: Array = _overlap(some, others)
-    return shared
-
-
 def common_areas(rectangle: ArrayLike, others: ArrayLike) -> Array:
     """(n,): area that the rectangle (5,) and each of the others (n, 5) have in common."""
     one, many = (np.ascontiguousarray(each, dtype=np.float64).reshape(-1, 5) for each in (rectangle, others))
     areas: Array = _common_areas(one[0], many)
     return areas
-
-
-@njit(cache=True, nogil=True)
-def _overlap(first: Array, second: Array) -> Array:
-    shared = np.empty((len(first), len(second)))
-    for i in range(len(first)):
-        for j in range(len(second)):
-            shared[i, j] = share(first[i], second[j])
-    return shared
 
 
 @njit(cache=True, nogil=True)

@@ -10,26 +10,25 @@ from pretouch.geometry import Array
 from pretouch_detector.overlap import share
 
 MAX_OVERLAP = 0.6
-"""Intersection over union of regions that are proposed."""
+"""Intersection over union of two regions, exact, above which only the better is proposed."""
 
 
-def spread(ranked: ArrayLike, count: int, limit: float = MAX_OVERLAP) -> list[int]:
-    """Which of the rectangles are kept: the best, then each that overlaps no better one too much.
+def spread(ranked: ArrayLike, count: int) -> list[int]:
+    """Which of the rectangles are kept: the best, then each that overlaps no better one by more than MAX_OVERLAP.
 
     Args:
         ranked: (n, 5) as [x, y, w, h, theta], the best first.
         count: as many at most.
-        limit: intersection over union, exact, above which it is too much.
 
     Returns:
         Their indices, the best first.
     """
-    kept: list[int] = _kept(np.ascontiguousarray(ranked, dtype=np.float64).reshape(-1, 5), count, limit).tolist()
+    kept: list[int] = _kept(np.ascontiguousarray(ranked, dtype=np.float64).reshape(-1, 5), count).tolist()
     return kept
 
 
 @njit(cache=True, nogil=True)
-def _kept(ranked: Array, count: int, limit: float) -> NDArray[np.int64]:
+def _kept(ranked: Array, count: int) -> NDArray[np.int64]:
     kept = np.empty(min(count, len(ranked)), np.int64)
     number = 0
     for k in range(len(ranked)):
@@ -37,7 +36,7 @@ def _kept(ranked: Array, count: int, limit: float) -> NDArray[np.int64]:
             break
         differs = True
         for j in range(number):
-            if share(ranked[k], ranked[kept[j]]) > limit:
+            if share(ranked[k], ranked[kept[j]]) > MAX_OVERLAP:
                 differs = False
                 break
         if differs:

@@ -16,8 +16,9 @@ from pretouch_registrar.engines.label_trials import Matching
 
 from pretouch.errors import InvalidInput, PretouchError
 from pretouch.geometry import Array
+from pretouch.tof import Sensor
 from pretouch_simulation.depth_cameras import CameraModel
-from pretouch_simulation.finger import FingerModel, realise
+from pretouch_simulation.finger import Finger, FingerModel, realise
 from pretouch_simulation.labels import scans
 from pretouch_simulation.labels.task import ViewTask
 from pretouch_simulation.labels.view import LabelView
@@ -115,13 +116,15 @@ def label(task: ViewTask, recipe: Recipe, folder: Path, threads: int | None = 1)
         scene, origin = task.scene(recipe.seed)
         settings = trials.Settings(recipe.rectangles, recipe.trials, MATCHINGS[recipe.engine], recipe.best_only)
         rectangles, scores = trials.label(scene, settings, rng, threads)
-        expected, foreseen = np.full_like(scores, np.nan), np.full(len(scores), np.nan)
+        expected, foreseen, sensor = np.full_like(scores, np.nan), np.full(len(scores), np.nan), Sensor()
     else:
         view = task.seen(recipe.seed)
         scene, origin = view.scene, view.origin
-        rectangles, scores, expected, foreseen = _scanned(view, recipe, rng)
+        finger = realise(recipe.finger, generator("finger-model", recipe.seed, view.case.name, view.case.view))
+        rectangles, scores, expected, foreseen = _scanned(view, recipe, finger, rng)
+        sensor = finger.sensor
     provenance = {**task.provenance, "first_pixel": list(origin)}
-    example = Example(task.name, task.object, scene, rectangles, scores, expected, foreseen, provenance)
+    example = Example(task.name, task.object, scene, sensor, rectangles, scores, expected, foreseen, provenance)
     write(Dataset(folder).path(task.side, task.name), example)
 
 
@@ -130,9 +133,10 @@ def describe(recipe: Recipe, command: str) -> dict[str, Any]:
     return {"recipe": asdict(recipe), "command": command}
 
 
-def _scanned(view: LabelView, recipe: Recipe, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+def _scanned(
+    view: LabelView, recipe: Recipe, finger: Finger, rng: np.random.Generator
+) -> tuple[Array, Array, Array, Array]:
     rectangles = candidates(view.scene, recipe.rectangles, rng)
-    finger = realise(recipe.finger, generator("finger-model", recipe.seed, view.case.name, view.case.view))
     scoring = scans.Scoring(recipe.trials, recipe.engine, finger, recipe.seed)
     paths = scans.paths_of(view, rectangles, scoring)
     if not any(paths):

@@ -78,14 +78,18 @@ def score(
 def after_scan(
     view: LabelView, path: Trajectory | None, truth: Pose, scoring: Scoring, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """Error and expected error, m, once `path` is scanned where `truth` is right; `rng` draws the noise."""
+    """Error and expected error, m, once `path` is scanned where `truth` is right; `rng` draws the noise.
+
+    The error is that of the object's true points; the engine expects one of those that the client's mask holds.
+    """
     scene, settings = view.scene, scoring.settings
+    true_cloud = view.case.cloud
     if path is None:
-        return mean_error(scene.cloud, truth, Pose.identity()), from_prior(settings.prior, scene.cloud).expected_error
+        return mean_error(true_cloud, truth, Pose.identity()), from_prior(settings.prior, scene.cloud).expected_error
     solution = scoring.registrar.solution_of(scene, [view.scanned(truth, path, scoring.finger, rng)], settings)
     correction = pose_of(solution.x, scene.centroid)
     left, _ = point_error(solution.covariance, correction.apply(scene.cloud), scene.centroid + solution.x[3:])
-    return mean_error(scene.cloud, truth, correction), left
+    return mean_error(true_cloud, truth, correction), left
 
 
 def mean_error(cloud: Array, truth: Pose, correction: Pose) -> float:

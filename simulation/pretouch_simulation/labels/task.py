@@ -106,7 +106,7 @@ class Task:
         mesh = load_mesh(self.source) if isinstance(self.source, Path) else procedural(self.source)[1]
         poses = resting_poses(mesh, _POSES)
         return case_of(
-            self.stem,
+            self.name,
             poses[self.pose % len(poses)],
             self.view,
             generator("label view", seed, self.stem, self.pose, self.view),

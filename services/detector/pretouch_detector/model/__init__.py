@@ -1,4 +1,4 @@
-"""The networks of proposer `deep`: what they see of a scene, and how they are built.
+"""The network of proposer `deep`: what it sees of a scene, and how it is built.
 
 Only the torch modules need torch.
 """

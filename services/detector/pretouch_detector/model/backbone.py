@@ -1,4 +1,4 @@
-"""The part that both networks share: an encoder with skip connections, features at a quarter of the image's size."""
+"""The scorer's image part: an encoder with skip connections, features at a quarter of the image's size."""
 
 from __future__ import annotations
 

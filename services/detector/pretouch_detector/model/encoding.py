@@ -1,4 +1,4 @@
-"""What the networks see of a scene: a square around the object, its pixels as points in the table's frame.
+"""What the network sees of a scene: a square around the object, its pixels as points in the table's frame.
 
 A finger that comes from above meets heights over the table, so that these, and not the depth along the camera's axis,
 are what the channels hold. The square is sampled to a fixed size; rectangles are given in its own units.
@@ -28,7 +28,7 @@ _LIMIT = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Encoding:
-    """A scene as the networks see it.
+    """A scene as the network sees it.
 
     Attributes:
         image: (len(CHANNELS), SIZE, SIZE) float32.
@@ -45,11 +45,6 @@ class Encoding:
         return np.column_stack(
             [(given[:, :2] - self.centre) / self.half, given[:, 2:4] / self.half, given[:, 4]]
         ).astype(np.float32)
-
-    def pixels(self, rectangles: ArrayLike) -> Array:
-        """The inverse of `normalised`: (n, 5) in the scene's pixels."""
-        given = np.asarray(rectangles, dtype=np.float64).reshape(-1, 5)
-        return np.column_stack([given[:, :2] * self.half + self.centre, given[:, 2:4] * self.half, given[:, 4]])
 
 
 def encode(scene: Scene) -> Encoding:

@@ -1,4 +1,4 @@
-"""The single-stage design: the error that a scan of any rectangle's perimeter would leave.
+"""The network: the error that a scan of any rectangle's perimeter would leave.
 
 The network corrects what proposer `stability` works out by itself, the `analytic` error. Features are read along the
 perimeter, where the finger would go, and nowhere else. A small network reads each point with its neighbours and says

@@ -1,14 +1,13 @@
-"""The trained networks in `weights/`: checked when they are read, run by onnxruntime.
+"""The trained network in `weights/`: checked when it is read, run by onnxruntime.
 
-A network is two files: `<design>.onnx`, and `<design>.json`, which says what the network reads:
+It is two files: `scorer.onnx`, and `scorer.json`, which says what the network reads:
 
-    {"format": 1, "design": "scorer", "channels": ["height", ...], "size": 128, ...}
+    {"format": 1, "channels": ["height", ...], "size": 128, ...}
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -25,6 +24,7 @@ FORMAT = 1
 """Raised when a network trained before reads or answers something else than one trained now."""
 FOLDER = Path(__file__).parents[1] / "weights"
 THREADS = 2
+_GRAPH, _DESCRIPTION = "scorer.onnx", "scorer.json"
 _REMEDY = "Reinstall pretouch[detector], or restore the files."
 
 
@@ -56,7 +56,7 @@ class Network:
         return np.exp(answer[:, 0].astype(np.float64))
 
 
-def load(folder: Path, design: str, threads: int) -> Network:
+def load(folder: Path, threads: int) -> Network:
     """Reads a network and asks it once.
 
     Args:
@@ -65,17 +65,17 @@ def load(folder: Path, design: str, threads: int) -> Network:
     Raises:
         Unavailable: a file is missing or damaged, or of another version, or onnxruntime is not installed.
     """
-    check_description(folder, design)
-    network = Network(session(folder / f"{design}.onnx", threads))
-    check_answers(design, lambda nothing, three: network.errors(nothing, three, [0.01] * 3))
+    _check_description(folder / _DESCRIPTION)
+    network = Network(_session(folder / _GRAPH, threads))
+    _check_answers(network)
     return network
 
 
 class Weights:
-    """The network `design` of a folder, read once when it is first needed."""
+    """The network of a folder, read once when it is first needed."""
 
-    def __init__(self, folder: Path, design: str) -> None:
-        self._folder, self._design = folder, design
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
         self._lock = Lock()
         self._outcome: Network | Unavailable | None = None
 
@@ -88,7 +88,7 @@ class Weights:
         with self._lock:
             if self._outcome is None:
                 try:
-                    self._outcome = load(self._folder, self._design, threads)
+                    self._outcome = load(self._folder, threads)
                 except Unavailable as error:
                     self._outcome = error
         if isinstance(self._outcome, Unavailable):
@@ -96,39 +96,31 @@ class Weights:
         return self._outcome
 
 
-def check_description(folder: Path, design: str) -> None:
-    """Sees to it that `<design>.json` tells of a network that this version can ask.
-
-    Raises:
-        Unavailable: it is missing, damaged, or of another version.
-    """
-    about = _described(folder / f"{design}.json")
+def _check_description(path: Path) -> None:
+    """Sees to it that the description is of a network that this version can ask."""
+    about = _described(path)
     if about.get("format") != FORMAT:
         raise Unavailable(
-            f"The weights {design} are of format {about.get('format')}; this version reads {FORMAT}.",
+            f"The weights are of format {about.get('format')}; this version reads {FORMAT}.",
             "Train anew, or use the version that wrote them.",
         )
     if (about.get("channels"), about.get("size")) != (list(CHANNELS), SIZE):
         raise Unavailable(
-            f"The weights {design} read {about.get('channels')} at size {about.get('size')}; this version gives "
+            f"The weights read {about.get('channels')} at size {about.get('size')}; this version gives "
             f"{list(CHANNELS)} at size {SIZE}.",
             "Train anew, or use the version that wrote them.",
         )
 
 
-def check_answers(design: str, errors: Callable[[Encoding, ArrayLike], Array]) -> None:
-    """Asks for three errors on an empty image.
-
-    Raises:
-        Unavailable: that is not what comes.
-    """
+def _check_answers(network: Network) -> None:
+    """Asks for three errors on an empty image; anything else is another network."""
     nothing = Encoding(np.zeros((len(CHANNELS), SIZE, SIZE), np.float32), (0.0, 0.0), 1.0)
     try:
-        answer = errors(nothing, [(0.0, 0.0, 1.0, 1.0, 0.0)] * 3)
+        answer = network.errors(nothing, [(0.0, 0.0, 1.0, 1.0, 0.0)] * 3, [0.01] * 3)
     except Exception as error:  # onnxruntime raises many kinds
-        raise Unavailable(f"The weights {design} hold another network: {_first_line(error)}", _REMEDY) from error
+        raise Unavailable(f"The weights hold another network: {_first_line(error)}", _REMEDY) from error
     if answer.shape != (3,) or not np.isfinite(answer).all():
-        raise Unavailable(f"The weights {design} answer {answer}, not three errors.", _REMEDY)
+        raise Unavailable(f"The weights answer {answer}, not three errors.", _REMEDY)
 
 
 def _described(path: Path) -> dict[str, Any]:
@@ -143,12 +135,8 @@ def _described(path: Path) -> dict[str, Any]:
     return about
 
 
-def session(path: Path, threads: int) -> Any:
-    """An onnxruntime session of the graph.
-
-    Raises:
-        Unavailable: it is missing or damaged, or onnxruntime is not installed.
-    """
+def _session(path: Path, threads: int) -> Any:
+    """An onnxruntime session of the graph."""
     try:
         import onnxruntime
     except ImportError as error:

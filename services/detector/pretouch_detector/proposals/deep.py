@@ -21,7 +21,7 @@ from pretouch_detector.proposals.random import drawn
 from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_detector.spread import spread
 
-WEIGHTS = Weights(FOLDER, "scorer")
+WEIGHTS = Weights(FOLDER)
 _MARGIN = 0.13
 """m around the object that the network may see: a session's view has about as much, and the network learned by it."""
 _CANDIDATES, _ASKED = 480, 240

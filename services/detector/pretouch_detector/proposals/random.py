@@ -62,16 +62,6 @@ def drawn(scene: Scene, count: int, rng: np.random.Generator) -> Array:
     return found
 
 
-def allowed(rectangles: Array, scene: Scene) -> NDArray[np.bool_]:
-    """(n,): which of the rectangles (n, 5) could have been `drawn`."""
-    low, high = _bounding(scene)
-    share = rectangles[:, 2] * rectangles[:, 3] / np.prod(high - low)
-    aspect = np.abs(np.log(rectangles[:, 2] / rectangles[:, 3]))
-    inside = ((rectangles[:, :2] >= low) & (rectangles[:, :2] <= high)).all(axis=1)
-    shaped = (share >= AREA[0]) & (share <= AREA[1]) & (aspect <= LOG_ASPECT)
-    return np.asarray(inside & shaped & _overlapping(rectangles, low, high), dtype=np.bool_)
-
-
 def _bounding(scene: Scene) -> tuple[Array, Array]:
     """Corners (u, v) of the object's bounding rectangle, pixels' edges included."""
     u0, v0, u1, v1 = scene.bounds()

@@ -27,8 +27,9 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.errors import Conflict, InvalidInput, Malformed, NotFound, PretouchError
 from pretouch.geometry import Array, Plane, Pose, frozen_array
 from pretouch.scene import Scene
+from pretouch.tof import Sensor
 
-FORMAT = 1
+FORMAT = 2
 DEPTH_UNIT = 1e-4
 """m: of a stored depth value."""
 SIDES = ("train", "validation")
@@ -47,6 +48,7 @@ class Example:
         name: of the view, unique in its dataset.
         object: what is seen; all views of it are on one side.
         scene: the view, cropped around the object.
+        sensor: what is stated of the finger that was simulated; only its ranges, noise and beam are kept.
         rectangles: (r, 5) as [x, y, w, h, theta], in the scene's pixels.
         scores: (r, t), m: each rectangle's error in each trial; NaN where the trial was not made.
         expected: (r, t), m: what the engine expected of its error once the trial was made; NaN where it does not say.
@@ -57,6 +59,7 @@ class Example:
     name: str
     object: str
     scene: Scene
+    sensor: Sensor
     rectangles: Array
     scores: Array
     expected: Array
@@ -168,7 +171,7 @@ def write(path: Path, example: Example) -> None:
     stored = np.rint(scene.depth.metres / DEPTH_UNIT)
     if stored.max() > np.iinfo(np.uint16).max:
         stored = np.where(stored > np.iinfo(np.uint16).max, 0, stored)
-    camera = scene.camera
+    camera, sensor = scene.camera, example.sensor
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     with draft.open("wb") as file:
@@ -179,6 +182,7 @@ def write(path: Path, example: Example) -> None:
             camera=np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
             base_T_camera=scene.base_T_camera.matrix,
             table=np.append(scene.table.normal, scene.table.offset),
+            sensor=np.array([sensor.range_min, sensor.range_max, sensor.range_std, sensor.beam_half_angle]),
             rectangles=example.rectangles.astype(np.float32),
             scores=example.scores.astype(np.float32),
             expected=example.expected.astype(np.float32),
@@ -210,8 +214,8 @@ def read(path: Path) -> Example:
             Plane(table[:3], float(table[3])),
         )
         return Example(
-            about["name"], about["object"], scene, arrays["rectangles"], arrays["scores"], arrays["expected"],
-            arrays["foreseen"], about["provenance"],
+            about["name"], about["object"], scene, Sensor(*arrays["sensor"].tolist()), arrays["rectangles"],
+            arrays["scores"], arrays["expected"], arrays["foreseen"], about["provenance"],
         )  # fmt: skip
     except _DAMAGED as error:
         raise Malformed(

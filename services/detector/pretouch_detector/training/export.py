@@ -43,9 +43,7 @@ def restore(model: nn.Module, weights: Path) -> None:
     try:
         model.load_state_dict(load_file(weights))
     except Exception as error:  # safetensors and torch raise many kinds
-        raise Malformed(
-            f"{weights} does not fit: {error}", "Give what `pretouch train` wrote for this design."
-        ) from error
+        raise Malformed(f"{weights} does not fit: {error}", "Give what `pretouch train` wrote.") from error
 
 
 def export_scorer(weights: Path, folder: Path, facts: dict[str, Any]) -> None:
@@ -67,5 +65,5 @@ def export_scorer(weights: Path, folder: Path, facts: dict[str, Any]) -> None:
         opset_version=OPSET,
         dynamo=False,
     )
-    told = {"format": FORMAT, "design": "scorer", "channels": list(CHANNELS), "size": SIZE, **facts}
+    told = {"format": FORMAT, "channels": list(CHANNELS), "size": SIZE, **facts}
     (folder / "scorer.json").write_text(json.dumps(told, indent=1) + "\n")

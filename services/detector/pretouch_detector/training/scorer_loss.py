@@ -1,14 +1,43 @@
-"""What the single-stage design is taught by."""
+"""What the network is taught by."""
 
 from __future__ import annotations
 
-from torch import Tensor
+import torch
+from torch import Tensor, nn
 
-from pretouch_detector.model.scorer import Scorer
 from pretouch_detector.training.batch import Batch
-from pretouch_detector.training.error_terms import error_terms
+from pretouch_detector.training.targets import ACHIEVED, EXPECTED, FORESEEN
+
+_SHARPNESS = 3.0
+"""Of the two helping terms: an error of a third in a prediction costs about as much as the achieved error's noise."""
 
 
-def scorer_loss(model: Scorer, batch: Batch) -> dict[str, Tensor]:
-    """The terms of the loss, by name."""
-    return error_terms(model(batch.image, batch.rectangles, batch.analytic), batch.errors)
+def scorer_loss(model: nn.Module, batch: Batch) -> dict[str, Tensor]:
+    """Terms of the loss of a `Scorer`, by name.
+
+    `achieved` is the negative log likelihood of an exponential distribution, which has the mean error, and nothing else
+    of its noisy distribution, as its optimum. `spread` is that of the logarithm's standard deviation. `expected` and
+    `foreseen` are squares of the logarithms' differences.
+    """
+    out = model(batch.image, batch.rectangles, batch.analytic)
+    achieved, known = _known(batch.errors[..., ACHIEVED])
+    mean = out[..., 0]
+    expected, told = _known(batch.errors[..., EXPECTED])
+    foreseen, asked = _known(batch.errors[..., FORESEEN])
+    apart = torch.log(achieved) - mean.detach()
+    return {
+        "achieved": _mean(mean + achieved * torch.exp(-mean), known),
+        "spread": 0.2 * _mean(out[..., 1] + 0.5 * apart**2 * torch.exp(-2.0 * out[..., 1]), known),
+        "expected": _SHARPNESS * _mean((torch.log(expected) - out[..., 2]) ** 2, told),
+        "foreseen": _SHARPNESS * _mean((torch.log(foreseen) - out[..., 3]) ** 2, asked),
+    }
+
+
+def _known(errors: Tensor) -> tuple[Tensor, Tensor]:
+    """Errors (b, r), m, with 1 in place of NaN, and where they are known."""
+    known = ~torch.isnan(errors)
+    return torch.where(known, errors, torch.ones_like(errors)).clamp_min(1e-5), known
+
+
+def _mean(values: Tensor, where: Tensor) -> Tensor:
+    return torch.where(where, values, torch.zeros_like(values)).sum() / where.sum().clamp_min(1)

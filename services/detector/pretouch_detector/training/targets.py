@@ -1,4 +1,4 @@
-"""What a network learns of a labelled view: its image, rectangles, and what is known of each rectangle's error."""
+"""What the network learns of a labelled view: its image, rectangles, and what is known of each rectangle's error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.errors import InvalidInput
-from pretouch.tof import Sensor
 from pretouch_detector.model.encoding import encode
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.training.dataset import Dataset, Example
@@ -48,7 +47,7 @@ def targets_of(example: Example, worst: bool) -> Targets:
     told = ~np.isnan(example.expected).all(axis=1)
     expected[told] = np.nanmean(example.expected[told], axis=1)
     errors = np.column_stack([example.achieved(worst), expected, example.foreseen]).astype(np.float32)
-    analytic, _ = remaining_error(example.scene, Sensor(), example.rectangles)
+    analytic, _ = remaining_error(example.scene, example.sensor, example.rectangles)
     return Targets(encoding.image, encoding.normalised(example.rectangles), analytic.astype(np.float32), errors)
 
 

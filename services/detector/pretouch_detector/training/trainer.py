@@ -9,25 +9,24 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from rich.console import Console
 from rich.progress import track
 from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import nn
 
 from pretouch.errors import Conflict
+from pretouch_detector.model.scorer import Scorer
 from pretouch_detector.training.augment import augmented
-from pretouch_detector.training.batch import Batch, batch_of
+from pretouch_detector.training.batch import batch_of
 from pretouch_detector.training.processes import ALONE, Processes
+from pretouch_detector.training.scorer_loss import scorer_loss
 from pretouch_detector.training.targets import Targets
-
-Loss = Callable[[Any, Batch], dict[str, Tensor]]
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Schedule:
 
 
 class Trainer:
-    """Teaches `model` by `loss` and keeps its state in the folder `run`.
+    """Teaches `model` and keeps its state in the folder `run`.
 
     Raises:
         Conflict: the folder holds a run with another schedule.
@@ -59,14 +58,13 @@ class Trainer:
 
     def __init__(
         self,
-        model: nn.Module,
-        loss: Loss,
+        model: Scorer,
         schedule: Schedule,
         run: Path,
         device: torch.device,
         among: Processes = ALONE,
     ) -> None:
-        self.model, self.loss, self.schedule, self.run, self.device = model.to(device), loss, schedule, run, device
+        self.model, self.schedule, self.run, self.device = model.to(device), schedule, run, device
         self.among = among
         self.averaged = torch.optim.swa_utils.AveragedModel(
             self.model, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(schedule.average), use_buffers=True
@@ -93,7 +91,7 @@ class Trainer:
         rng = np.random.default_rng(0)
         size = self.schedule.batch
         terms = [
-            self.loss(self.averaged.module, batch_of(views[k : k + size], self.schedule.rectangles, rng, self.device))
+            scorer_loss(self.averaged.module, batch_of(views[k : k + size], self.schedule.rectangles, rng, self.device))
             for k in range(0, len(views), size)
         ]
         return {name: float(np.mean([float(each[name]) for each in terms])) for name in terms[0]}
@@ -111,7 +109,7 @@ class Trainer:
             first = (step * self.among.world + self.among.rank) * size
             chosen = [augmented(views[k], rng) for k in order[first : first + size]]
             self._set_rate((epoch * steps + step) / (self.schedule.epochs * steps))
-            terms = self.loss(self.model, batch_of(chosen, self.schedule.rectangles, rng, self.device))
+            terms = scorer_loss(self.model, batch_of(chosen, self.schedule.rectangles, rng, self.device))
             self.optimiser.zero_grad(set_to_none=True)
             torch.stack(list(terms.values())).sum().backward()
             self.among.share_gradients(self.model)
