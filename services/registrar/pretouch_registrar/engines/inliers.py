@@ -16,7 +16,7 @@ _HALF_GATE = 4.5
 """Half the squared normalised residual, 3 sigma, up to which a return agrees."""
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def sample_residuals(x: Array, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
     """For each beam (n,): its residual along the surface's normal, m, and whether it agrees within 3 sigma.
 
