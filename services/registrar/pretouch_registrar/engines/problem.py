@@ -32,8 +32,9 @@ CONE_STD = 0.0020
 _CONE_SHARED, _CONE_PATCH = 0.0025, 0.02
 """m: error of the cone's model that neighbouring spots share, and over which length."""
 _TEMPERATURE, _GROWTH, _INDEPENDENT, _CONE_MISFIT = 1.7, 0.25, 60.0, 1.3
-"""The costs are divided by _TEMPERATURE, and by more for more than _INDEPENDENT samples' worth: what the model gets
-wrong all over; and a wide beam's by _CONE_MISFIT besides. Chosen on training meshes and two real frames by the log score of the truth."""
+"""The costs are divided by _TEMPERATURE, a wide beam's by _CONE_MISFIT times as much, and all by more for more than
+_INDEPENDENT samples' worth: what the model gets wrong all over. Chosen on training meshes and two real frames by the
+log score of the truth."""
 _SYSTEMATIC, _CONE_SYSTEMATIC = 0.0005, 0.0012
 """m: what a sensor errs by all over, thin beam and cone, such as its bias."""
 _CAMERA_SHARE = 0.5
@@ -168,7 +169,7 @@ class Problem(NamedTuple):
 
 
 def temperature_of(worth: float, wide: bool) -> float:
-    """`Problem.temperature` for samples that are together worth as many independent ones, of a wide beam or a thin one."""
+    """`Problem.temperature` for samples of a wide or a thin beam, together worth as many independent ones."""
     return float(_TEMPERATURE * (_CONE_MISFIT if wide else 1.0) * max(worth / _INDEPENDENT, 1.0) ** _GROWTH)
 
 
