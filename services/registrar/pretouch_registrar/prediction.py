@@ -45,7 +45,8 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
     systematic = np.diag([0.0] * 3 + [problem.systematic**2] * 3) * (len(problem.beams.weights) > 0)
     precision = np.asarray(np.linalg.inv(covariance - systematic), dtype=np.float64)
     normal, fit = curvature_draws()
-    simulated = supposing_likeliest(x, problem).free()._replace(beams=beams, temperature=temperature_of(float(worth)))
+    simulated = supposing_likeliest(x, problem).free()
+    simulated = simulated._replace(beams=beams, temperature=temperature_of(float(worth), problem.wide))
     mean: Array = _mean_covariance(truths, simulated, precision, normal, np.ascontiguousarray(fit[1:]))
     return np.asarray(mean + systematic, dtype=np.float64)
 

@@ -15,7 +15,7 @@ from pretouch.trajectory import Trajectory
 from pretouch_registrar.coarse import coarse
 from pretouch_registrar.engines import SOLVERS, Engine, camera_model
 from pretouch_registrar.engines.camera_model import CameraModel
-from pretouch_registrar.engines.inliers import sample_residuals
+from pretouch_registrar.engines.inliers import judged
 from pretouch_registrar.engines.problem import Problem, pose_problem
 from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.solution import Solution, pose_of
@@ -117,10 +117,10 @@ def _doubted(solution: Solution, problem: Problem, prior: Prior) -> Solution:
     half of the returns agree with the answer, the samples are not of this object: the fewer, the more of the prior's
     covariance comes back.
     """
-    _, agrees = sample_residuals(solution.x, problem)
+    agree = judged(solution.x, problem).agree
     hit = problem.beams.returned
     if hit.sum() >= _RETURNS:
-        missing = max(0.0, 1.0 - float(agrees[hit].mean()) / _AGREEING)
+        missing = max(0.0, 1.0 - float(agree[hit].mean()) / _AGREEING)
         solution = replace(solution, covariance=solution.covariance + missing * prior.covariance())
     sigmas = np.abs(solution.x) / np.sqrt(np.diag(prior.covariance()))
     if sigmas.max() <= _CONTRADICTION:
@@ -144,7 +144,8 @@ def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
     correction = pose_of(x, scene.centroid)
     cloud = correction.apply(scene.cloud)
     expected, quantile = point_error(covariance, cloud, scene.centroid + x[3:])
-    residuals, inlier = sample_residuals(x, problem)
+    verdict = judged(x, problem)
+    inlier = verdict.agree
     places = (x, *solution.others)
     return Estimate(
         base_T_correction=correction,
@@ -155,6 +156,6 @@ def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
         unobservable=weak_directions(covariance, cloud, scene.table.normal),
         inliers=int(inlier.sum()),
         samples=len(problem.beams.weights),
-        rmse=float(np.sqrt(np.mean(residuals[inlier] ** 2))) if inlier.any() else 0.0,
+        rmse=float(np.sqrt(np.mean(verdict.residuals[inlier] ** 2))) if inlier.any() else 0.0,
         modes=tuple(Mode(pose_of(place, scene.centroid), 1 / len(places)) for place in places),
     )

@@ -116,8 +116,8 @@ class CameraModel:
 def build(scene: Scene) -> CameraModel:
     """The model of one scene; about 20 ms for a scene cropped around its object."""
     metres = np.ascontiguousarray(scene.depth.metres, dtype=np.float64)
-    camera, mask = scene.camera, scene.mask
     noise = camera_noise(scene)
+    camera, mask = scene.camera, scene.mask
     near_table = np.abs(scene.table.height(scene.organised)) < _TABLE_BAND + 3 * noise.pixel
     kind = np.select([mask, metres <= 0, near_table], [OBJECT, UNSEEN, TABLE], OTHER)
     px_per_m = camera.fx / float(np.median(metres[mask]))

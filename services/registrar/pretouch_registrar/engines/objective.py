@@ -27,7 +27,7 @@ _WORTH_A_THREAD = 2000
 """Beams times corrections below which handing out the work takes longer than doing it."""
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def energy_of(x: Array, problem: Problem) -> float:
     """Negative logarithm of the posterior's density at the correction x (6,), but for a constant."""
     r = so3.exp(x[:3])
@@ -45,7 +45,7 @@ def energy_of(x: Array, problem: Problem) -> float:
     return energy + least / problem.temperature - np.log(likelihood / costs.shape[0])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def _thin_cost(x: Array, r: Array, problem: Problem, out: PointResiduals) -> float:
     """Cost of thin beams at x (6,), with r = exp(w) (3, 3), without allocation; `out` is room for a residual."""
     beams, target, noise = problem.beams, problem.target, problem.noise
@@ -62,7 +62,7 @@ def _thin_cost(x: Array, r: Array, problem: Problem, out: PointResiduals) -> flo
     return cost
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def _add_cone_costs(x: Array, r: Array, problem: Problem, spot: Spot, costs: Array) -> None:
     """Adds the cost of wide beams at x (6,), with r = exp(w) (3, 3), to `costs` (h,), that of each hypothesis."""
     beams, target, noise = problem.beams, problem.target, problem.noise
@@ -77,7 +77,7 @@ def _add_cone_costs(x: Array, r: Array, problem: Problem, spot: Spot, costs: Arr
             costs[h] += beams.weights[n] * (beyond + robust_cost(0.5 * e * e, cap))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def likeliest_hypothesis(x: Array, problem: Problem) -> int:
     """The hypothesis about the cone that explains all samples best under the correction x (6,)."""
     costs = np.zeros(problem.cone.scales.shape[0])
@@ -85,7 +85,7 @@ def likeliest_hypothesis(x: Array, problem: Problem) -> int:
     return int(costs.argmin())
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def energies(xs: Array, problem: Problem) -> Array:
     """`energy_of` each row of xs (m, 6)."""
     result = np.empty(xs.shape[0])
@@ -116,7 +116,7 @@ def _add(weight: float, row: Array, residual: float, information: Array, gradien
             information[k, m] += weight * row[k] * row[m]
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations(x: Array, problem: Problem) -> tuple[Array, Array, float]:
     """Information (6, 6), gradient (6,) and energy at x for a Gauss-Newton step, robust weights frozen (IRLS).
 
@@ -140,7 +140,7 @@ def normal_equations(x: Array, problem: Problem) -> tuple[Array, Array, float]:
     return information, gradient, energy
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def _fill_thin(
     x: Array, r: Array, problem: Problem, out: PointResiduals, row: Array, information: Array, gradient: Array
 ) -> float:
@@ -166,7 +166,7 @@ def _fill_thin(
     return cost
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def _fill_wide(
     x: Array, r: Array, problem: Problem, spot: Spot, row: Array, information: Array, gradient: Array
 ) -> float:

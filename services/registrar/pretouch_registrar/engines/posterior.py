@@ -31,6 +31,8 @@ _STARTS = 10
 """Members of the last population that are refined, and how far apart they are, in standard deviations of the prior."""
 _APART = 0.15
 _MODES = 3
+_BROAD_SHARE = 0.5
+"""Weight of the population's spread beside the refined modes, whose weights sum to 1."""
 _MODES_APART = 0.25
 _MODE_GATE = 6.0
 """A mode is kept if its density is at least exp(-this) of the best one's."""
@@ -59,11 +61,16 @@ def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solutio
     places = _distinct(refined[order], _MODES_APART * scale, _MODES)
     heights = energy(places)
     covariances = [covariance_at(fine, place, resources) for place in places]
-    modes = [_in_units(mode, scale) for mode in _modes(places, covariances, heights)]
+    modes = [_in_units(mode, scale) for mode in [*_modes(places, covariances, heights), _broad(xs)]]
     mean, covariance = importance.moments(lambda x: energy(x * scale), modes)
     mean, covariance = mean * scale, covariance * np.outer(scale, scale)
     covariance[3:, 3:] += problem.systematic**2 * np.eye(3)
     return Solution(mean, covariance, places[heights < level.min() + _NEARLY][1:])
+
+
+def _broad(xs: Array) -> Mode:
+    """The whole population xs (m, 6) as one mode, so that no place between and beside the refined ones is left out."""
+    return Mode(xs.mean(axis=0), np.asarray(np.cov(xs.T), dtype=np.float64), _BROAD_SHARE)
 
 
 def _in_units(mode: Mode, scale: Array) -> Mode:

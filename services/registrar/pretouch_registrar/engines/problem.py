@@ -31,9 +31,10 @@ CONE_STD = 0.0020
 """m: what the hypotheses about a cone get wrong."""
 _CONE_SHARED, _CONE_PATCH = 0.0025, 0.02
 """m: error of the cone's model that neighbouring spots share, and over which length."""
-_TEMPERATURE, _GROWTH, _INDEPENDENT = 1.7, 0.25, 60.0
-"""The costs are divided by _TEMPERATURE, and by more for more than _INDEPENDENT samples' worth: what the model gets
-wrong all over. Chosen on training meshes and two real frames by the log score of the truth."""
+_TEMPERATURE, _GROWTH, _INDEPENDENT, _CONE_MISFIT = 1.7, 0.25, 60.0, 1.3
+"""The costs are divided by _TEMPERATURE, a wide beam's by _CONE_MISFIT times as much, and all by more for more than
+_INDEPENDENT samples' worth: what the model gets wrong all over. Chosen on training meshes and two real frames by the
+log score of the truth."""
 _SYSTEMATIC, _CONE_SYSTEMATIC = 0.0005, 0.0012
 """m: what a sensor errs by all over, thin beam and cone, such as its bias."""
 _CAMERA_SHARE = 0.5
@@ -167,9 +168,9 @@ class Problem(NamedTuple):
         return self._replace(beams=kept)
 
 
-def temperature_of(worth: float) -> float:
-    """`Problem.temperature` for samples that are together worth as many independent ones."""
-    return float(_TEMPERATURE * max(worth / _INDEPENDENT, 1.0) ** _GROWTH)
+def temperature_of(worth: float, wide: bool) -> float:
+    """`Problem.temperature` for samples of a wide or a thin beam, together worth as many independent ones."""
+    return float(_TEMPERATURE * (_CONE_MISFIT if wide else 1.0) * max(worth / _INDEPENDENT, 1.0) ** _GROWTH)
 
 
 def shared_error(sensor: Sensor, camera: CameraNoise) -> SharedError:
@@ -229,7 +230,7 @@ def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor
         _noise_of(sensor, model.noise),
         cone,
         inverse,
-        temperature_of(float(beams.weights.sum())),
+        temperature_of(float(beams.weights.sum()), sensor.beam_half_angle > WIDE),
         shared,
         min(float(np.hypot(own, _CAMERA_SHARE * model.noise.patch)), prior.translation_std / 10),
     )

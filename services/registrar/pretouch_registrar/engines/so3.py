@@ -8,7 +8,7 @@ from numba import njit
 from pretouch.geometry import Array
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def exp(w: Array) -> Array:
     """The rotation matrix (3, 3) of a rotation vector (3,), rad, by Rodrigues' formula."""
     angle = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])

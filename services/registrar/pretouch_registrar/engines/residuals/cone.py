@@ -64,7 +64,7 @@ def spot_of(cone: Cone) -> Spot:
     return Spot(np.empty(k), np.empty(k), np.empty(k), np.empty(k), weights, np.empty(h), np.empty(h), np.empty(h))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _surface_at(x: float, y: float, heights: NDArray[np.float32], facing: NDArray[np.float32]) -> tuple[float, float]:
     """m and cosine: the surface's height and slope at a place of the footprint; the table beyond it."""
     if x >= 0 and y >= 0:
@@ -74,7 +74,7 @@ def _surface_at(x: float, y: float, heights: NDArray[np.float32], facing: NDArra
     return 0.0, 1.0
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def _meet(
     origin: Vector, ray: Vector, start: float, stop: float, heights: NDArray[np.float32], facing: NDArray[np.float32]
 ) -> tuple[float, float]:
@@ -104,7 +104,7 @@ def _meet(
     return at, slope
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _in_table(vector: Vector, footprint: Footprint, normal: Array) -> Vector:
     """A vector in base in the table's axes."""
     a, b = footprint.x_axis, footprint.y_axis
@@ -115,7 +115,7 @@ def _in_table(vector: Vector, footprint: Footprint, normal: Array) -> Vector:
     )
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def _trace(origin: Vector, direction: Vector, target: Target, cone: Cone, spot: Spot) -> bool:
     """Fills the spot's paths for a module at `origin`, and says whether there is more than one answer."""
     footprint = target.footprint
@@ -150,7 +150,7 @@ def _trace(origin: Vector, direction: Vector, target: Target, cone: Cone, spot: 
     return several
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def _average(paths: Array, facing: Array, cone: Cone, weights: Array, means: Array, spreads: Array) -> None:
     """Fills `means` and `spreads` (h,) of paths (k,): range and variance of the paths under each hypothesis."""
     count = paths.shape[0]
@@ -181,7 +181,7 @@ def _average(paths: Array, facing: Array, cone: Cone, weights: Array, means: Arr
             spreads[h] = max(square / total - mean * mean, 0.0)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def measure(
     end: Vector, direction: Vector, returned: bool, measured: float, target: Target, cone: Cone, spot: Spot
 ) -> bool:
@@ -197,7 +197,7 @@ def measure(
     return several and returned
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def spot_residual(
     h: int, returned: bool, measured: float, interval: bool, range_max: float, noise: Noise, spot: Spot
 ) -> tuple[float, float, float]:

@@ -15,7 +15,7 @@ _PACE = 0.01
 """m along the beam between two looks."""
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def miss_cost(start: Vector, direction: Vector, target: Target, noise: Noise) -> float:
     """What a beam from `start`, where the camera would have put it, pays: as a point below a seen part would."""
     x, y, z = start

@@ -106,7 +106,7 @@ def _explain_by_table(height: float, table: Table, std: float, out: PointResidua
         out.gradients[NORMAL, k] = table.normal[k] / std
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **NO_REFERENCES)
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def point_residual(
     point: Vector, direction: Vector, target: Target, noise: Noise, out: PointResiduals
 ) -> tuple[float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from pretouch.geometry import Array
 
-_DRAWS = 256
+_DRAWS = 384
 _ROUNDS = 2
 _FREEDOM = 6.0
 _INFLATED = 1.3
@@ -43,6 +43,8 @@ def moments(energy: Callable[[Array], Array], modes: list[Mode]) -> tuple[Array,
     Where few draws carry all the weight, the covariance leans on that of the largest mode.
     """
     rng = np.random.default_rng(1)
+    total = sum(mode.share for mode in modes)
+    modes = [Mode(mode.mean, mode.covariance, mode.share / total) for mode in modes]
     draws, energies, proposals = [], [], []
     for turn in range(_ROUNDS):
         batch = np.concatenate([_student(rng, mode) for mode in modes])

@@ -14,7 +14,7 @@ POPULATION = 300
 _DRAWS = 2048
 _BOUND = 1.75
 """Standard deviations of the prior between which the first draws lie, evenly."""
-_LEVELS = ((4.0, 1), (2.8, 1), (2.0, 1), (1.4, 2), (1.0, 2))
+_LEVELS = ((4.0, 1), (2.8, 1), (2.0, 1), (1.4, 2), (1.0, 4))
 """Noise factor and Metropolis steps at it."""
 _MOVES = (0.3, 0.7, 1.0)
 
