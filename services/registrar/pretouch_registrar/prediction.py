@@ -42,13 +42,21 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
     seen = [beams_of([Scan(origins, directions, each)], problem.shared, samples, earlier) for each in returned]
     beams = Beams(*(np.concatenate(each) for each in zip(*seen, strict=True)))
     worth = problem.beams.weights.sum() + beams.weights.sum() / len(truths)
-    systematic = np.diag([0.0] * 3 + [problem.systematic**2] * 3) * (len(problem.beams.weights) > 0)
-    precision = np.asarray(np.linalg.inv(covariance - systematic), dtype=np.float64)
+    systematic = np.diag(problem.systematic)
+    precision = np.asarray(np.linalg.inv(_without(covariance, systematic)), dtype=np.float64)
     normal, fit = curvature_draws()
     simulated = supposing_likeliest(x, problem).free()
     simulated = simulated._replace(beams=beams, temperature=temperature_of(float(worth), problem.wide))
     mean: Array = _mean_covariance(truths, simulated, precision, normal, np.ascontiguousarray(fit[1:]))
     return np.asarray(mean + systematic, dtype=np.float64)
+
+
+def _without(covariance: Array, systematic: Array) -> Array:
+    """What is left of a covariance (6, 6) without a part (6, 6) of it; a tenth at least, should it not be a part."""
+    root = np.linalg.cholesky(covariance)
+    whiten = np.linalg.inv(root)
+    values, vectors = np.linalg.eigh(np.eye(6) - whiten @ systematic @ whiten.T)
+    return np.asarray(root @ (vectors * np.maximum(values, 0.1)) @ vectors.T @ root.T, dtype=np.float64)
 
 
 def _beams(path: Trajectory, sensor: Sensor, count: int) -> tuple[Array, Array]:

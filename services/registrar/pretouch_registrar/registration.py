@@ -9,12 +9,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pretouch.estimate import Estimate, Mode, Prior, from_prior, point_error
+from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.coarse import coarse
 from pretouch_registrar.engines import SOLVERS, Engine, camera_model
 from pretouch_registrar.engines.camera_model import CameraModel
+from pretouch_registrar.engines.goodness_of_fit import p_value
 from pretouch_registrar.engines.inliers import judged
 from pretouch_registrar.engines.problem import Problem, pose_problem
 from pretouch_registrar.engines.resources import Resources
@@ -26,10 +28,8 @@ from pretouch_registrar.recent import Recent
 
 _MODELS, _SOLUTIONS = 32, 64
 """Results that a registrar keeps."""
-_CONTRADICTION = 2.6
-"""Standard deviations of the prior, per axis, beyond which a correction contradicts it."""
-_AGREEING, _RETURNS = 0.5, 10
-"""Share of the returns that agree with an answer about this object, and returns from which one can tell."""
+_MISFIT = 0.01
+"""p-value of the samples under the answer below which the prior comes back, and the answer with it."""
 
 
 @dataclass(frozen=True)
@@ -107,25 +107,30 @@ class Registrar:
         if not scans:
             return problem, Solution(np.zeros(6), settings.prior.covariance())
         solution = SOLVERS[settings.engine](problem, model, self._resources)
-        return problem, _doubted(solution, problem, settings.prior)
+        fit = p_value(judged(solution.x, problem), problem, [len(scan) for scan in scans])
+        return problem, _doubted(replace(solution, fit=fit), settings.prior)
 
 
-def _doubted(solution: Solution, problem: Problem, prior: Prior) -> Solution:
-    """Less sure of an answer that does not fit.
+def _doubted(solution: Solution, prior: Prior) -> Solution:
+    """Less sure of an answer that does not explain the samples, and of none more sure than of nothing.
 
-    Where samples and prior contradict each other one of them is wrong: as uncertain as they lie apart. Where fewer than
-    half of the returns agree with the answer, the samples are not of this object: the fewer, the more of the prior's
-    covariance comes back.
+    Below a p-value of _MISFIT the answer is a mixture with the prior: the worse the samples fit, the more of the prior.
+    Whatever the samples, the covariance is not wider than the prior's in any direction.
     """
-    agree = judged(solution.x, problem).agree
-    hit = problem.beams.returned
-    if hit.sum() >= _RETURNS:
-        missing = max(0.0, 1.0 - float(agree[hit].mean()) / _AGREEING)
-        solution = replace(solution, covariance=solution.covariance + missing * prior.covariance())
-    sigmas = np.abs(solution.x) / np.sqrt(np.diag(prior.covariance()))
-    if sigmas.max() <= _CONTRADICTION:
-        return solution
-    return replace(solution, covariance=solution.covariance + np.outer(solution.x, solution.x))
+    share = max(0.0, 1.0 - solution.fit / _MISFIT)
+    mean = (1.0 - share) * solution.x
+    between = share * (1.0 - share) * np.outer(solution.x, solution.x)
+    covariance = (1.0 - share) * solution.covariance + share * prior.covariance() + between
+    return replace(solution, x=mean, covariance=_bounded(covariance, prior.covariance()))
+
+
+def _bounded(covariance: Array, bound: Array) -> Array:
+    """The covariance (6, 6), nowhere wider than `bound` (6, 6): its eigenvalues, where that is whitened, at most 1."""
+    root = np.linalg.cholesky(bound)
+    whiten = np.linalg.inv(root)
+    values, vectors = np.linalg.eigh(whiten @ covariance @ whiten.T)
+    bounded = root @ (vectors * np.minimum(values, 1.0)) @ vectors.T @ root.T
+    return np.asarray(0.5 * (bounded + bounded.T), dtype=np.float64)
 
 
 def _evidence(scene: Scene, scans: Sequence[Scan], settings: Settings) -> list[Scan]:
@@ -157,5 +162,9 @@ def _estimate(scene: Scene, problem: Problem, solution: Solution) -> Estimate:
         inliers=int(inlier.sum()),
         samples=len(problem.beams.weights),
         rmse=float(np.sqrt(np.mean(verdict.residuals[inlier] ** 2))) if inlier.any() else 0.0,
-        modes=tuple(Mode(pose_of(place, scene.centroid), 1 / len(places)) for place in places),
+        modes=tuple(
+            Mode(pose_of(place, scene.centroid), float(share))
+            for place, share in zip(places, solution.shares, strict=True)
+        ),
+        fit=solution.fit,
     )

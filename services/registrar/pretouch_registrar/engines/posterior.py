@@ -10,7 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch.geometry import Array
+from pretouch_registrar.engines.calibration import widening
 from pretouch_registrar.engines.camera_model import CameraModel
+from pretouch_registrar.engines.inliers import judged
 from pretouch_registrar.engines.laplace import covariance_at
 from pretouch_registrar.engines.objective import spread_energies, supposing_likeliest
 from pretouch_registrar.engines.problem import Problem
@@ -61,11 +63,14 @@ def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solutio
     places = _distinct(refined[order], _MODES_APART * scale, _MODES)
     heights = energy(places)
     covariances = [covariance_at(fine, place, resources) for place in places]
-    modes = [_in_units(mode, scale) for mode in [*_modes(places, covariances, heights), _broad(xs)]]
+    found = _modes(places, covariances, heights)
+    modes = [_in_units(mode, scale) for mode in [*found, _broad(xs)]]
     mean, covariance = importance.moments(lambda x: energy(x * scale), modes)
     mean, covariance = mean * scale, covariance * np.outer(scale, scale)
-    covariance[3:, 3:] += problem.systematic**2 * np.eye(3)
-    return Solution(mean, covariance, places[heights < level.min() + _NEARLY][1:])
+    covariance = widening(mean, judged(mean, problem), problem) ** 2 * covariance + np.diag(problem.systematic)
+    likely = heights < level.min() + _NEARLY
+    shares = np.array([mode.share for mode in found])[likely]
+    return Solution(mean, covariance, places[likely][1:], shares / shares.sum())
 
 
 def _broad(xs: Array) -> Mode:

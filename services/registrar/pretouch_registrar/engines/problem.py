@@ -35,10 +35,10 @@ _TEMPERATURE, _GROWTH, _INDEPENDENT, _CONE_MISFIT = 1.7, 0.25, 60.0, 1.3
 """The costs are divided by _TEMPERATURE, a wide beam's by _CONE_MISFIT times as much, and all by more for more than
 _INDEPENDENT samples' worth: what the model gets wrong all over. Chosen on training meshes and two real frames by the
 log score of the truth."""
-_SYSTEMATIC, _CONE_SYSTEMATIC = 0.0005, 0.0012
-"""m: what a sensor errs by all over, thin beam and cone, such as its bias."""
-_CAMERA_SHARE = 0.5
-"""The same of the camera: share of its patches' error that they all have in common."""
+_SYSTEMATIC, _CONE_SYSTEMATIC = 0.0005, 0.0028
+"""m: what a sensor errs by all over, thin beam and cone: its bias, and the direction in which it truly looks."""
+_CAMERA_SHARE, _CAMERA_TURN = 1.1, 10.0
+"""The same of the camera, which shifts and turns what it sees: m and rad for each m of its patches' error."""
 
 
 class Beams(NamedTuple):
@@ -125,7 +125,7 @@ class Problem(NamedTuple):
         prior: (6,) inverse variances of the correction, order (w, d).
         temperature: what the cost is divided by to be a negative log likelihood.
         shared: what neighbouring samples err together.
-        systematic: m, standard deviation of a shift that no number of samples averages out.
+        systematic: (6,) variances of the correction that no number of samples reduces.
     """
 
     beams: Beams
@@ -135,7 +135,7 @@ class Problem(NamedTuple):
     prior: Array
     temperature: float
     shared: SharedError
-    systematic: float
+    systematic: Array
 
     @property
     def wide(self) -> bool:
@@ -223,7 +223,6 @@ def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor
     target = Target(np.array(scene.centroid), optics, table, model.pixels, model.footprint)
     shared = shared_error(sensor, model.noise)
     beams = beams_of(scans, shared)
-    own = _CONE_SYSTEMATIC if sensor.beam_half_angle > WIDE else _SYSTEMATIC
     return Problem(
         beams,
         target,
@@ -232,5 +231,12 @@ def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor
         inverse,
         temperature_of(float(beams.weights.sum()), sensor.beam_half_angle > WIDE),
         shared,
-        min(float(np.hypot(own, _CAMERA_SHARE * model.noise.patch)), prior.translation_std / 10),
+        _systematic(sensor, model.noise, inverse),
     )
+
+
+def _systematic(sensor: Sensor, camera: CameraNoise, prior: Array) -> Array:
+    """`Problem.systematic`; no more than a quarter of the variance of a tight prior, given by its inverse (6,)."""
+    own = _CONE_SYSTEMATIC if sensor.beam_half_angle > WIDE else _SYSTEMATIC
+    shift, turn = float(np.hypot(own, _CAMERA_SHARE * camera.patch)), _CAMERA_TURN * camera.patch
+    return np.minimum(np.array([turn**2] * 3 + [shift**2] * 3), 0.25 / prior)

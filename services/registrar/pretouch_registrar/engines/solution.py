@@ -17,11 +17,15 @@ class Solution:
         x: (6,), the best correction.
         covariance: (6, 6) of its error.
         others: (k, 6), distinct corrections that agree nearly as well; empty when there is one mode.
+        shares: (k + 1,) of the probability: of the best correction's mode, then of the others'; they sum to 1.
+        fit: p-value of the samples under the answer.
     """
 
     x: Array
     covariance: Array
     others: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    shares: Array = field(default_factory=lambda: np.ones(1))
+    fit: float = 1.0
 
 
 def correction_of(pose: Pose, centroid: Array) -> Array:
