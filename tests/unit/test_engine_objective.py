@@ -171,7 +171,7 @@ def test_every_energy_is_finite_and_that_of_samples_is_bounded(
     rng = np.random.default_rng(seed)
     places = anywhere(rng, 30)
     origins = np.column_stack([places, rng.uniform(0.002, 0.3, 30)])
-    directions = rng.normal(size=(30, 3)) + (0, 0, -2.0)
+    directions = rng.normal((0.0, 0.0, -2.0), 1.0, (30, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     ranges = np.where(rng.random(30) < 0.2, np.nan, rng.uniform(0.0, 0.3, 30))
     sensor = Sensor(beam_half_angle=half_angle)

@@ -21,7 +21,7 @@ seeds = st.integers(0, 2**16)
 def samples(seed: int, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Points within a few patches about the origin, directions and which of the beams returned."""
     rng = np.random.default_rng(seed)
-    directions = rng.normal(size=(count, 3)) + (0.0, 0.0, -4.0)
+    directions = rng.normal((0.0, 0.0, -4.0), 1.0, (count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return rng.uniform(-0.03, 0.03, (count, 3)), directions, rng.random(count) < 0.7
 
@@ -90,7 +90,7 @@ def test_the_same_samples_again_tell_less_and_elsewhere_as_much_as_ever(
     once = sample_weights(points, directions, returned, error)
     again = sample_weights(points, directions, returned, error, earlier=known)
     assert (again < once).all()
-    away = points + (40 * error.patch, 0.0, 0.0)
+    away = points + np.array([40 * error.patch, 0.0, 0.0])
     np.testing.assert_allclose(
         sample_weights(away, directions, returned, error, earlier=known),
         sample_weights(away, directions, returned, error),
