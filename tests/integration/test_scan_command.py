@@ -169,7 +169,7 @@ def test_other_places_a_bad_fit_and_samples_that_are_no_measurements_are_said(
         fit=0.00123,
         sensor_problem="All 90 ranges are 31 mm: the sensor is stuck.",
     )
-    monkeypatch.setattr("pretouch_registrar.scan_command.register", lambda *_: answer)
+    monkeypatch.setattr("pretouch_registrar.scan_command.Registrar.register", lambda *_: answer)
     arguments = [files.folder / "view.npz", *files.scans(".npz", 1)]
     done = register(*arguments)
     text = " ".join(done.out.split())

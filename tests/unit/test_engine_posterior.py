@@ -4,24 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_registrar.engines import camera_model
-from pretouch_registrar.engines.problem import pose_problem
-from pretouch_registrar.engines.residuals.cone import mean_range
 from pretouch_registrar.engines.solvers import importance, smc
 from pretouch_registrar.engines.solvers.importance import Mode
 from pretouch_registrar.registration import Registrar, Settings
 from scenes import KINECT, Box, World
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 
 REGISTRAR = Registrar()
-
-HALF_ANGLE = float(np.radians(12.5))
-WIDE = Sensor(beam_half_angle=HALF_ANGLE)
 
 
 def mixture(xs: Array, places: Array, std: float) -> Array:
@@ -50,39 +43,6 @@ def test_the_search_finds_a_narrow_place_anywhere_in_the_prior(seed: int) -> Non
     xs, level = smc.population(lambda x, factor: mixture(x, place, 0.15 * factor), np.ones(6))
     assert np.linalg.norm(xs[level.argmin()] - place[0]) < 0.3
     assert np.median(np.linalg.norm(xs - place[0], axis=1)) < 0.6
-
-
-@pytest.fixture(scope="module")
-def block() -> camera_model.CameraModel:
-    return camera_model.build(World((Box.standing((0.10, 0.08, 0.04)),)).scene(KINECT))
-
-
-def seen(model: camera_model.CameraModel, at: tuple[float, float, float], down: tuple[float, float, float]) -> Array:
-    problem = pose_problem(model, [], Prior(), WIDE)
-    return np.array(mean_range(at, down, 0.2, problem.rays, problem.target))
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.floats(0.02, 0.08), st.floats(-0.02, 0.02), st.floats(-0.01, 0.01))
-def test_a_wide_beam_on_a_wall_reads_its_distance(
-    block: camera_model.CameraModel, height: float, x: float, y: float
-) -> None:
-    near, far, spread = seen(block, (x, y, 0.04 + height), (0.0, 0.0, -1.0))
-    assert near == pytest.approx(far, abs=1e-6)
-    assert far == pytest.approx(height, abs=0.0015)
-    assert spread < 0.004
-
-
-def test_over_an_edge_a_wide_beam_reads_something_between(block: camera_model.CameraModel) -> None:
-    inner, edge, outer = (seen(block, (x, 0.0, 0.08), (0.0, 0.0, -1.0)) for x in (-0.03, -0.05, -0.08))
-    assert inner[1] + 0.005 < edge[1] < outer[1] - 0.005
-    assert edge[2] > 4 * inner[2]
-
-
-def test_over_what_the_camera_did_not_see_the_range_is_an_interval(block: camera_model.CameraModel) -> None:
-    near, far, _ = seen(block, (0.06, 0.0, 0.08), (0.0, 0.0, -1.0))
-    assert near < far - 0.005
-    assert far < 0.085
 
 
 PITCH = 0.014
