@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,19 +9,18 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pretouch.estimate import Estimate
-from pretouch.geometry import Array, Pose
+from pretouch.geometry import Array, Pose, rotation_from_vector
 from pretouch.scene import Scene
-from pretouch_orchestrator.envelope import lateral_std, table_covariance, vertical_std
+from pretouch_orchestrator.envelope import table_covariance
 from pretouch_orchestrator.heightmap import height_map
 
 _REACH = 0.05
-"""m around the object that is looked at: where paths go, and by how much what is there may be shifted."""
-_LEAST_SHIFT = 0.02
-"""m to a side that the believed surface may be off at least: an estimate may be surer than it is right."""
-_SIGMAS = 2.0
-"""Lateral standard deviations of the estimate that it may be off otherwise."""
-_SHIFTS = np.linspace(-1.0, 1.0, 5)
-"""Shares of that shift along each axis of the table."""
+"""m around the object that is looked at: where paths go, and how far off what is there may be."""
+_LATERAL_STD = 0.01
+"""m, per axis of the table, that the surface may be off to a side at least: an estimate may be surer than it is
+right, and 2 cm must explain what they can."""
+_DRAWS = np.random.default_rng(0).standard_normal((50, 6))
+_NORMAL = np.concatenate([_DRAWS, -_DRAWS])
 _GAP = 0.004
 """m: a place this near to one that was seen is as high; the pixels are that far apart on a slanted surface."""
 _LEVEL = 0.003
@@ -43,9 +41,9 @@ class Surface:
         origin, cell: (2,), m, and m: the place of cell (0, 0) and the cells' size.
         heights: (nx, ny), m above the table.
         known: (nx, ny): the heights that were seen, not hidden.
-        covariance: 6x6, the estimate's in the table's axes.
-        centroid: (3,), m, in the table's frame: what the covariance is about.
-        shift: m that all of it may be off to a side.
+        centroid: (3,), m, in the table's frame.
+        displacements: (k, 6): draws of where the surface may be instead, a rotation vector about the centroid and a
+            shift, rad and m, in the table's axes.
     """
 
     table_T_base: Pose
@@ -53,9 +51,8 @@ class Surface:
     cell: float
     heights: Array
     known: NDArray[np.bool_]
-    covariance: Array
     centroid: Array
-    shift: float
+    displacements: Array
 
     @staticmethod
     def of(scene: Scene, estimate: Estimate) -> Surface:
@@ -64,19 +61,15 @@ class Surface:
         unseen = np.isnan(seen.seen)
         distance, nearest = ndimage.distance_transform_edt(unseen, sampling=seen.cell, return_indices=True)
         shown = distance <= _GAP
-        covariance = table_covariance(seen.base_T_table, estimate)
         table_T_base = seen.base_T_table.inverse()
-        centroid = table_T_base.apply(estimate.centroid)
-        body = table_T_base.apply(scene.cloud) - centroid
         return Surface(
             table_T_base @ estimate.base_T_correction.inverse(),
             seen.origin,
             seen.cell,
             heights=np.where(shown, seen.seen[tuple(nearest)], 0.0),
             known=shown | (seen.believed <= _LEVEL),
-            covariance=covariance,
-            centroid=centroid,
-            shift=max(_LEAST_SHIFT, _SIGMAS * lateral_std(covariance, body)),
+            centroid=table_T_base.apply(estimate.centroid),
+            displacements=_drawn(table_covariance(seen.base_T_table, estimate)),
         )
 
     def widened(self, radius: float) -> Surface:
@@ -88,22 +81,20 @@ class Surface:
         """(n,), m: where beams, in base, first meet the surface; 1 m where they do not."""
         return self._met(self.table_T_base.apply(origins), directions @ self.table_T_base.rotation.T)
 
-    def shifted_ranges(self, origins: Array, directions: Array) -> Iterator[Array]:
-        """`ranges` (n,), m, for each of the places to the side that the surface may be at."""
+    def drawn_ranges(self, origins: Array, directions: Array) -> Array:
+        """(k, n), m: `ranges` with the surface at each of the places where it may be."""
         starts, ways = self.table_T_base.apply(origins), directions @ self.table_T_base.rotation.T
-        for x in self.shift * _SHIFTS:
-            for y in self.shift * _SHIFTS:
-                yield self._met(starts + (x, y, 0.0), ways)
+        drawn = []
+        for displacement in self.displacements:
+            turn = rotation_from_vector(displacement[:3])
+            moved = (starts - self.centroid - displacement[3:]) @ turn + self.centroid
+            drawn.append(self._met(moved, ways @ turn))
+        return np.stack(drawn)
 
     def known_at(self, origins: Array, directions: Array) -> NDArray[np.bool_]:
         """(n,): whether the place that each beam meets was seen."""
         ends = origins + self.ranges(origins, directions)[:, None] * directions
         return np.asarray(self.known[self._index(self.table_T_base.apply(ends)[:, :2])], dtype=bool)
-
-    def vertical_std(self, origins: Array) -> Array:
-        """(n,), m: how far up or down the surface under each place, in base, may be."""
-        x, y, _ = (self.table_T_base.apply(origins) - self.centroid).T
-        return vertical_std(self.covariance, x, y)
 
     def _index(self, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         cells = np.round((places - self.origin) / self.cell).astype(np.intp)
@@ -122,3 +113,12 @@ class Surface:
         at = (starts[:, 2:] - self.heights[self._index(places)]) / down[:, None]
         met = np.where(at <= ends + 1e-9, np.maximum(at, begins), np.inf).min(axis=1)
         return np.where((-ways[:, 2] >= _STEEPEST) & np.isfinite(met), np.maximum(met, 0.0), _FAR)
+
+
+def _drawn(covariance: Array) -> Array:
+    """(k, 6): fixed draws of covariance (6, 6), in the table's axes, its shifts to a side no surer than `_LATERAL_STD`."""
+    widened = covariance.copy()
+    for axis in (3, 4):
+        widened[axis, axis] = max(widened[axis, axis], _LATERAL_STD**2)
+    values, vectors = np.linalg.eigh(widened)
+    return np.asarray(_NORMAL @ (vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)

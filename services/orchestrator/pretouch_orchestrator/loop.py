@@ -104,12 +104,14 @@ class Loop:
         if isinstance(submission, Skipped):
             return await self._go_on(passed_over(record, plan))
         believed, sensor_problem = await asyncio.to_thread(checked, record, submission)
+        scan = Scan.concatenate([]) if sensor_problem else measured(record, believed)
+        request, evidence = record.request, replace(record, measured=(*record.measured, scan)).evidence
         if sensor_problem:
-            scan, estimate = Scan.concatenate([]), replace(record.estimate, sensor_problem=sensor_problem)
+            estimate = replace(record.estimate, sensor_problem=sensor_problem)
+        elif evidence:
+            estimate = await self._registrar.register(record.scene, evidence, request.prior, request.sensor)
         else:
-            scan, request = measured(record, believed), record.request
-            scans = (*record.evidence, scan)
-            estimate = await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+            estimate = record.estimate
         after = await asyncio.to_thread(used, record, plan, submission, scan, estimate)
         if record.estimate.sensor_problem and estimate.sensor_problem:
             return exhausted(after, Exhaustion.SENSOR)

@@ -47,7 +47,12 @@ class Record:
 
     @property
     def evidence(self) -> tuple[Scan, ...]:
-        """The scans in which something was measured."""
+        """The scans that tell something: those with samples, and none before the first return of all.
+
+        Misses of a sensor that has never returned anything would lower the finger onto what it cannot see.
+        """
+        if not any(scan.returned.any() for scan in self.measured):
+            return ()
         return tuple(scan for scan in self.measured if len(scan))
 
     def corrected_cloud(self) -> Array:

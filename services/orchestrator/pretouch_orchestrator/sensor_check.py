@@ -25,6 +25,8 @@ _ENOUGH_OF_A_UNIT = 10
 """The same of a wrong unit, which is off by a factor in each of them."""
 _MAX_COMPARED = 300
 """Samples of a module that are compared with the surface, evenly chosen: one every few millimetres."""
+_REPORTED = 0.9
+"""Share of its samples in which a stuck module reports a range at least: one that gives none in places tells something."""
 _LEFT_OUT = 0.05
 """Share of a stuck module's readings that may be anything: a loose line garbles some."""
 _CONSTANT = 0.00105
@@ -50,10 +52,15 @@ _SAME_SCALE = np.log(2.5)
 """By which factor a range may be off its expectation without doubt about the unit; one of 10 leaves 4 then."""
 _CODES = 2
 """Different numbers that may stand for "no target", as 8190 and 8191 do for the VL53L0X."""
-_CERTAIN_SHARE = 0.5
+_LEVEL = 0.02
+"""m that a constant reading may be off its expectation besides what the estimate leaves uncertain: a module with a
+large offset is not stuck."""
+_UNLIKELY = 0.02
+"""Probability, by the present estimate, up to which an explanation by the camera's error is dismissed."""
+_CERTAIN_SHARE = 0.15
 """Share of a scan's samples that would have to come back."""
-_CERTAIN_SIGMAS = 3.0
-"""Standard deviations by which their surface may be lower than it is believed to be."""
+_SIGMAS = 3.0
+"""Standard deviations of a range by which the surface must be within range to be sure of a return."""
 _TOLD = 3
 """Modules of which a sentence is told."""
 
@@ -173,31 +180,28 @@ def _unit(readings: _Readings, sensor: Sensor, _: Surface) -> str:
 
 
 def _dead(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
-    """No return, wherever the surface may be, from places that are certainly within range."""
+    """No return, from where much of the surface is within range almost certainly."""
     n = len(readings.values)
     if n < _ENOUGH or readings.returned.any():
         return ""
     some = _some(n)
-    origins, directions = readings.origins[some], readings.directions[some]
-    margin = _CERTAIN_SIGMAS * surface.vertical_std(origins)
-    shares = (
-        float((expected + margin < sensor.range_max).mean())
-        for expected in surface.shifted_ranges(origins, directions)
-    )
-    if (share := min(shares)) < _CERTAIN_SHARE:
+    furthest = sensor.range_max - _SIGMAS * sensor.range_std
+    within = surface.drawn_ranges(readings.origins[some], readings.directions[some]) <= furthest
+    share = float(np.quantile(within.mean(axis=1), _UNLIKELY, method="lower"))
+    if share < _CERTAIN_SHARE:
         return ""
     values = readings.values[np.isfinite(readings.values)]
     reads = "gives no range" if len(values) == 0 else f"gives no range but {np.median(values):.4g} m"
     return (
-        f"{reads} in any of {n} samples while at least {share:.0%} of them are within "
-        f"{1000 * sensor.range_max:g} mm of the surface for certain: it is dead, or cannot see this material."
+        f"{reads} in any of {n} samples while at least {share:.0%} of them are within {1000 * sensor.range_max:g} mm of "
+        f"the surface with a probability of {1 - _UNLIKELY:.0%}: it is dead, or cannot see this material."
     )
 
 
 def _stuck(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
     """One and the same range over a surface that cannot be everywhere as far away."""
     reported = np.flatnonzero(np.isfinite(readings.values))
-    if len(reported) < _ENOUGH:
+    if len(reported) < max(_ENOUGH, _REPORTED * len(readings.values)):
         return ""
     constant, spread = _narrowest(readings.values[reported])
     if spread > _CONSTANT:
@@ -207,13 +211,17 @@ def _stuck(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
         return ""
     some = chosen[_some(len(chosen))]
     furthest = constant if constant >= sensor.range_max - _CONSTANT else np.inf
-    variation = _least_variation(readings, some, sensor, surface, furthest)
-    if variation < _CONTRADICTED:
+    variation, off = _drawn_contradictions(readings, some, sensor, surface, constant, furthest)
+    if ((variation <= _CONTRADICTED) & (off <= _LEVEL)).any(axis=0).mean() > _UNLIKELY:
         return ""
     count = int((np.abs(readings.values[reported] - constant) <= _CONSTANT).sum())
+    least = float(np.quantile(variation.min(axis=0), _UNLIKELY, method="lower"))
+    does = f"varies by {1000 * least:.0f} mm"
+    if least <= _CONTRADICTED:
+        does = f"is {1000 * np.median(readings.expected[some]):.0f} mm away or varies"
     return (
-        f"reads {1000 * constant:.1f} mm in {count} of {len(reported)} samples while the surface under it varies by "
-        f"{1000 * variation:.0f} mm: it is stuck."
+        f"reads {1000 * constant:.1f} mm in {count} of {len(reported)} samples while the surface under it {does}: "
+        "it is stuck."
     )
 
 
@@ -246,31 +254,26 @@ def _narrowest(values: Array) -> tuple[float, float]:
     return float(np.median(ordered[first : first + held])), float(widths[first])
 
 
-def _least_variation(
-    readings: _Readings, chosen: NDArray[np.intp], sensor: Sensor, surface: Surface, furthest: float
-) -> float:
-    """m: spread of the ranges expected at the `chosen` samples, the least over all that the camera may be off.
-
-    It is what a tilt of the surface leaves, for a thin beam and for one that reads the nearest part of its cone.
+def _drawn_contradictions(
+    readings: _Readings, chosen: NDArray[np.intp], sensor: Sensor, surface: Surface, constant: float, furthest: float
+) -> tuple[Array, Array]:
+    """How little the ranges expected at the `chosen` samples are the `constant` one, m.
 
     Args:
         furthest: m, what the module reads of all that is beyond.
+
+    Returns:
+        The spread of the ranges and their middle's distance from the constant, each (c, k), m: for a thin beam and,
+        where the sensor has a cone, one that reads the nearest part of it; for each of the surface's places.
     """
     origins, directions = readings.origins[chosen], readings.directions[chosen]
     surfaces = [surface]
     if sensor.beam_half_angle > 0:
         distance = min(float(np.median(readings.expected[chosen])), sensor.range_max)
         surfaces.append(surface.widened(distance * float(np.tan(_WIDE * sensor.beam_half_angle))))
-    plane = np.column_stack([origins - origins.mean(axis=0), np.ones(len(origins))])
-    across = np.linalg.svd(plane, full_matrices=False)
-    basis = across[0][:, across[1] > 1e-6 * across[1][0]]
-    least = np.inf
-    for candidate in surfaces:
-        for ranges in candidate.shifted_ranges(origins, directions):
-            expected = np.minimum(ranges, furthest)
-            low, high = np.quantile(expected - basis @ (basis.T @ expected), (0.1, 0.9))
-            least = min(least, float(high - low))
-    return least
+    drawn = np.stack([candidate.drawn_ranges(origins, directions) for candidate in surfaces])
+    low, middle, high = np.quantile(np.minimum(drawn, furthest), (0.1, 0.5, 0.9), axis=-1)
+    return high - low, np.abs(middle - constant)
 
 
 def _some(count: int) -> NDArray[np.intp]:
