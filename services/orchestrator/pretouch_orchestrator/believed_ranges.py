@@ -116,7 +116,7 @@ class Surface:
 
 
 def _drawn(covariance: Array) -> Array:
-    """(k, 6): fixed draws of covariance (6, 6), in the table's axes, its shifts to a side no surer than `_LATERAL_STD`."""
+    """(k, 6): fixed draws of covariance (6, 6), in the table's axes, to a side no surer than `_LATERAL_STD`."""
     widened = covariance.copy()
     for axis in (3, 4):
         widened[axis, axis] = max(widened[axis, axis], _LATERAL_STD**2)

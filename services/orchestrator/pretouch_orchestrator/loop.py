@@ -89,8 +89,8 @@ class Loop:
         """The session after its planned scan was answered; as it is if `scan_id` was answered before.
 
         What modules sent that measured nothing is left out. A scan of which nothing is left costs its budget and leaves
-        the estimate as it was, but for its `sensor_problem`; after two of them in a row the session ends: the third
-        would be no better.
+        the estimate as it was, but for its `sensor_problem`; another one that tells nothing, misses alone too, ends the
+        session: the third would be no better.
 
         Raises:
             Conflict: the session has ended.

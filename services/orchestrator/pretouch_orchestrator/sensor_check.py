@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array
 from pretouch.scene import Scene
-from pretouch.tof import STATUS_OK, RangeSamples, Sensor
+from pretouch.tof import STATUS_OK, RangeSamples, Scan, Sensor
 from pretouch_orchestrator.believed_ranges import Surface
 
 _ENOUGH = 20
@@ -26,12 +26,12 @@ _ENOUGH_OF_A_UNIT = 10
 _MAX_COMPARED = 300
 """Samples of a module that are compared with the surface, evenly chosen: one every few millimetres."""
 _REPORTED = 0.9
-"""Share of its samples in which a stuck module reports a range at least: one that gives none in places tells something."""
+"""Share of its samples in which a stuck module reports a range at least: one that gives none in places is alive."""
 _LEFT_OUT = 0.05
 """Share of a stuck module's readings that may be anything: a loose line garbles some."""
 _CONSTANT = 0.00105
-"""m: spread of a stuck module's readings at most: a step of 1 mm, and what rounding adds. Many sensors report whole millimetres; those that know smaller steps
-vary by more than that over 20 samples, whatever they see."""
+"""m: spread of a stuck module's readings at most: a step of 1 mm, and what rounding adds. Many sensors report whole
+millimetres; those that know smaller steps vary by more than that over 20 samples, whatever they see."""
 _CONTRADICTED = 0.005
 """m: spread of the ranges that a stuck module should have read at least. Depth cameras see a plane that uneven."""
 _WIDE = 1.5
@@ -57,8 +57,8 @@ _LEVEL = 0.02
 large offset is not stuck."""
 _UNLIKELY = 0.02
 """Probability, by the present estimate, up to which an explanation by the camera's error is dismissed."""
-_CERTAIN_SHARE = 0.15
-"""Share of a scan's samples that would have to come back."""
+_CERTAIN = 20
+"""Samples that would have to come back: of so many a dark or steep place swallows some, not all."""
 _SIGMAS = 3.0
 """Standard deviations of a range by which the surface must be within range to be sure of a return."""
 _TOLD = 3
@@ -90,6 +90,7 @@ class _Readings(NamedTuple):
         origins, directions: (n, 3), in base, m and unit.
         expected: (n,), m.
         known: (n,): the surface there was seen.
+        missed: the samples as beams, together with all earlier ones where none of these has come back.
     """
 
     name: str
@@ -99,22 +100,27 @@ class _Readings(NamedTuple):
     directions: Array
     expected: Array
     known: NDArray[np.bool_]
+    missed: Scan
 
 
-def judge(samples: RangeSamples, sensor: Sensor, scene: Scene, estimate: Estimate) -> tuple[Verdict, ...]:
+def judge(
+    samples: RangeSamples, sensor: Sensor, scene: Scene, estimate: Estimate, before: Sequence[Scan] = ()
+) -> tuple[Verdict, ...]:
     """The modules that measured nothing in a scan, each with what is wrong; those not named are to be believed.
 
     Args:
         samples: the scan, as it was sent; modules that the sensor does not have are passed over.
         scene, estimate: what was believed before the scan.
+        before: the scans before it, as far as they were believed.
     """
     modules = [k for k in np.unique(samples.module).tolist() if k < len(sensor.tip_T_module)]
     if not modules:
         return ()
     surface = Surface.of(scene, estimate)
+    earlier = Scan.concatenate(list(before))
     verdicts = []
     for module in modules:
-        readings = _readings(samples, sensor, surface, module)
+        readings = _readings(samples, sensor, surface, module, earlier)
         for fault, find in _CHECKS.items():
             if text := find(readings, sensor, surface):
                 verdicts.append(Verdict(module, fault, f"{readings.name} {text}"))
@@ -140,11 +146,14 @@ def told(verdicts: Sequence[Verdict]) -> str:
     return " ".join(texts)
 
 
-def _readings(samples: RangeSamples, sensor: Sensor, surface: Surface, module: int) -> _Readings:
+def _readings(
+    samples: RangeSamples, sensor: Sensor, surface: Surface, module: int, earlier: Scan
+) -> _Readings:
     chosen = samples.module == module
     values = np.where(samples.status[chosen] == STATUS_OK, samples.range[chosen], np.nan)
     base_T_module = samples.base_T_tip[chosen] @ sensor.tip_T_module[module].matrix
     origins, directions = base_T_module[:, :3, 3], base_T_module[:, :3, 2]
+    beams = Scan(origins, directions, np.full(len(origins), np.nan))
     return _Readings(
         "The sensor" if len(sensor.tip_T_module) == 1 else f"Module {module}",
         values,
@@ -153,6 +162,7 @@ def _readings(samples: RangeSamples, sensor: Sensor, surface: Surface, module: i
         directions,
         surface.ranges(origins, directions),
         surface.known_at(origins, directions),
+        missed=beams if earlier.returned.any() else Scan.concatenate([earlier, beams]),
     )
 
 
@@ -180,21 +190,22 @@ def _unit(readings: _Readings, sensor: Sensor, _: Surface) -> str:
 
 
 def _dead(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
-    """No return, from where much of the surface is within range almost certainly."""
-    n = len(readings.values)
+    """No return, from where some of the surface is within range almost certainly."""
+    origins, directions = readings.missed.origins, readings.missed.directions
+    n = len(origins)
     if n < _ENOUGH or readings.returned.any():
         return ""
     some = _some(n)
     furthest = sensor.range_max - _SIGMAS * sensor.range_std
-    within = surface.drawn_ranges(readings.origins[some], readings.directions[some]) <= furthest
-    share = float(np.quantile(within.mean(axis=1), _UNLIKELY, method="lower"))
-    if share < _CERTAIN_SHARE:
+    within = surface.drawn_ranges(origins[some], directions[some]) <= furthest
+    count = float(np.quantile(within.mean(axis=1), _UNLIKELY, method="lower")) * n
+    if count < _CERTAIN:
         return ""
     values = readings.values[np.isfinite(readings.values)]
     reads = "gives no range" if len(values) == 0 else f"gives no range but {np.median(values):.4g} m"
     return (
-        f"{reads} in any of {n} samples while at least {share:.0%} of them are within {1000 * sensor.range_max:g} mm of "
-        f"the surface with a probability of {1 - _UNLIKELY:.0%}: it is dead, or cannot see this material."
+        f"{reads} in any of {n} samples while the surface is within {1000 * sensor.range_max:g} mm of {count:.0f} of them "
+        f"or more with a probability of {1 - _UNLIKELY:.0%}: it is dead, or cannot see this material."
     )
 
 
@@ -210,18 +221,17 @@ def _stuck(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
     if len(chosen) < _ENOUGH:
         return ""
     some = chosen[_some(len(chosen))]
-    furthest = constant if constant >= sensor.range_max - _CONSTANT else np.inf
-    variation, off = _drawn_contradictions(readings, some, sensor, surface, constant, furthest)
+    variation, off = _drawn_contradictions(readings, some, sensor, surface, constant)
     if ((variation <= _CONTRADICTED) & (off <= _LEVEL)).any(axis=0).mean() > _UNLIKELY:
         return ""
     count = int((np.abs(readings.values[reported] - constant) <= _CONSTANT).sum())
-    least = float(np.quantile(variation.min(axis=0), _UNLIKELY, method="lower"))
-    does = f"varies by {1000 * least:.0f} mm"
-    if least <= _CONTRADICTED:
-        does = f"is {1000 * np.median(readings.expected[some]):.0f} mm away or varies"
+    low, middle, high = np.quantile(readings.expected[some], (0.1, 0.5, 0.9))
+    does = f"varies by {1000 * (high - low):.0f} mm"
+    if high - low <= _CONTRADICTED:
+        does = f"is {1000 * middle:.0f} mm away"
     return (
-        f"reads {1000 * constant:.1f} mm in {count} of {len(reported)} samples while the surface under it {does}: "
-        "it is stuck."
+        f"reads {1000 * constant:.1f} mm in {count} of {len(reported)} samples while the surface that the camera "
+        f"saw under it {does}: it is stuck."
     )
 
 
@@ -255,12 +265,11 @@ def _narrowest(values: Array) -> tuple[float, float]:
 
 
 def _drawn_contradictions(
-    readings: _Readings, chosen: NDArray[np.intp], sensor: Sensor, surface: Surface, constant: float, furthest: float
+    readings: _Readings, chosen: NDArray[np.intp], sensor: Sensor, surface: Surface, constant: float
 ) -> tuple[Array, Array]:
     """How little the ranges expected at the `chosen` samples are the `constant` one, m.
 
-    Args:
-        furthest: m, what the module reads of all that is beyond.
+    A constant at the end of the sensor's range or beyond may be its way to say that there is nothing within it.
 
     Returns:
         The spread of the ranges and their middle's distance from the constant, each (c, k), m: for a thin beam and,
@@ -272,7 +281,9 @@ def _drawn_contradictions(
         distance = min(float(np.median(readings.expected[chosen])), sensor.range_max)
         surfaces.append(surface.widened(distance * float(np.tan(_WIDE * sensor.beam_half_angle))))
     drawn = np.stack([candidate.drawn_ranges(origins, directions) for candidate in surfaces])
-    low, middle, high = np.quantile(np.minimum(drawn, furthest), (0.1, 0.5, 0.9), axis=-1)
+    if constant >= sensor.range_max - _CONSTANT:
+        drawn = np.where(drawn >= sensor.range_max, constant, drawn)
+    low, middle, high = np.quantile(drawn, (0.1, 0.5, 0.9), axis=-1)
     return high - low, np.abs(middle - constant)
 
 

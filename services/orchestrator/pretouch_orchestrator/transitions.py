@@ -38,7 +38,7 @@ def checked(record: Record, submission: RangeSamples | Points) -> tuple[RangeSam
     """What is left of a scan without the modules that measured nothing; and if that is nothing, why, in sentences."""
     if isinstance(submission, Points):
         return submission, ""
-    verdicts = judge(submission, record.request.sensor, record.scene, record.estimate)
+    verdicts = judge(submission, record.request.sensor, record.scene, record.estimate, record.measured)
     left = without(submission, [verdict.module for verdict in verdicts])
     return left, told(verdicts) if verdicts and len(left) == 0 else ""
 
