@@ -15,7 +15,7 @@ from pretouch.estimate import from_prior
 from pretouch.exhaustion import Exhaustion
 from pretouch.scene import Scene
 from pretouch.session import Points, Region, ScanPlan, SessionRequest, Skipped, State
-from pretouch.tof import RangeSamples
+from pretouch.tof import RangeSamples, Scan
 from pretouch.trajectory import Trajectory
 from pretouch_orchestrator.budget import affordable, limit_of
 from pretouch_orchestrator.clusters import specks
@@ -27,6 +27,7 @@ from pretouch_orchestrator.record import Record
 from pretouch_orchestrator.segmentation import find_object
 from pretouch_orchestrator.transitions import (
     awaited,
+    checked,
     measured,
     open_regions,
     passed_over,
@@ -87,7 +88,9 @@ class Loop:
     async def advance(self, record: Record, scan_id: str, submission: RangeSamples | Points | Skipped) -> Record:
         """The session after its planned scan was answered; as it is if `scan_id` was answered before.
 
-        Samples that are no measurements after two scans in a row end it: the third would be none either.
+        What modules sent that measured nothing is left out. A scan of which nothing is left costs its budget and leaves
+        the estimate as it was, but for its `sensor_problem`; another one that tells nothing, misses alone too, ends the
+        session: the third would be no better.
 
         Raises:
             Conflict: the session has ended.
@@ -100,9 +103,15 @@ class Loop:
         plan = awaited(record, scan_id)
         if isinstance(submission, Skipped):
             return await self._go_on(passed_over(record, plan))
-        scan, request = measured(record, submission), record.request
-        scans = (*record.measured, scan)
-        estimate = await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+        believed, sensor_problem = await asyncio.to_thread(checked, record, submission)
+        scan = Scan.concatenate([]) if sensor_problem else measured(record, believed)
+        request, evidence = record.request, replace(record, measured=(*record.measured, scan)).evidence
+        if sensor_problem:
+            estimate = replace(record.estimate, sensor_problem=sensor_problem)
+        elif evidence:
+            estimate = await self._registrar.register(record.scene, evidence, request.prior, request.sensor)
+        else:
+            estimate = record.estimate
         after = await asyncio.to_thread(used, record, plan, submission, scan, estimate)
         if record.estimate.sensor_problem and estimate.sensor_problem:
             return exhausted(after, Exhaustion.SENSOR)
@@ -126,7 +135,7 @@ class Loop:
             return exhausted(record, await asyncio.to_thread(limit_of, record, paths))
         request = record.request
         expected_errors = await self._registrar.predict(
-            record.scene, record.measured, request.prior, request.sensor, [path for _, path, _ in candidates]
+            record.scene, record.evidence, request.prior, request.sensor, [path for _, path, _ in candidates]
         )
         return planned(record, candidates, expected_errors)
 

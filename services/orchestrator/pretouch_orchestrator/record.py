@@ -22,7 +22,7 @@ class Record:
         created: s since the Unix epoch.
         scene: the part of the client's view that the services need.
         origin: first pixel (u0, v0) of `scene` in the client's image; `regions` are in the client's pixels.
-        measured: the beams of each scan in `scans`, in the same order.
+        measured: the beams of each scan in `scans`, in the same order, without those of modules that measured nothing.
         skipped: ids of regions that could not be reached.
         answered: ids of scans that a client has answered for, used or skipped.
         reason: a problem document, set when the session is exhausted or failed.
@@ -44,6 +44,16 @@ class Record:
     answered: tuple[str, ...] = ()
     budget_used: BudgetUsed = field(default_factory=BudgetUsed)
     reason: dict[str, Any] | None = None
+
+    @property
+    def evidence(self) -> tuple[Scan, ...]:
+        """The scans that tell something: those with samples, and none before the first return of all.
+
+        Misses of a sensor that has never returned anything would lower the finger onto what it cannot see.
+        """
+        if not any(scan.returned.any() for scan in self.measured):
+            return ()
+        return tuple(scan for scan in self.measured if len(scan))
 
     def corrected_cloud(self) -> Array:
         """(n, 3), m, in base: the object's points as presently corrected."""

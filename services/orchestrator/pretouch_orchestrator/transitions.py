@@ -15,6 +15,7 @@ from pretouch_orchestrator.coverage import scanned
 from pretouch_orchestrator.endings import exhausted
 from pretouch_orchestrator.planner import Candidate, choose
 from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sensor_check import judge, told, without
 
 
 def awaited(record: Record, scan_id: str) -> ScanPlan:
@@ -31,6 +32,15 @@ def awaited(record: Record, scan_id: str) -> ScanPlan:
     if record.next_scan is None or record.next_scan.scan_id != scan_id:
         raise NotFound(f"The session has no scan {scan_id!r:.80}.", "Send the scan_id of the session's next_scan.")
     return record.next_scan
+
+
+def checked(record: Record, submission: RangeSamples | Points) -> tuple[RangeSamples | Points, str]:
+    """What is left of a scan without the modules that measured nothing; and if that is nothing, why, in sentences."""
+    if isinstance(submission, Points):
+        return submission, ""
+    verdicts = judge(submission, record.request.sensor, record.scene, record.estimate, record.measured)
+    left = without(submission, [verdict.module for verdict in verdicts])
+    return left, told(verdicts) if verdicts and len(left) == 0 else ""
 
 
 def measured(record: Record, submission: RangeSamples | Points) -> Scan:
@@ -52,14 +62,19 @@ def measured(record: Record, submission: RangeSamples | Points) -> Scan:
 
 
 def used(record: Record, plan: ScanPlan, submission: RangeSamples | Points, scan: Scan, estimate: Estimate) -> Record:
-    """After a scan: its evidence, the `estimate` from all scans with it, and what it cost."""
-    duration = plan.path.duration
+    """After a scan: its evidence, the `estimate` from all scans with it, and what it cost.
+
+    Args:
+        submission: all that was sent.
+        scan: what of it is believed.
+    """
+    duration, samples = plan.path.duration, len(scan)
     if isinstance(submission, RangeSamples):
-        duration = max(duration, float(submission.t[-1] - submission.t[0]))
+        duration, samples = max(duration, float(submission.t[-1] - submission.t[0])), len(submission)
     summary = ScanSummary(
         scan_id=plan.scan_id,
         region_id=plan.region_id,
-        samples=len(scan),
+        samples=samples,
         returns=int(scan.returned.sum()),
         length=plan.path.length,
         duration=duration,
