@@ -146,9 +146,7 @@ def told(verdicts: Sequence[Verdict]) -> str:
     return " ".join(texts)
 
 
-def _readings(
-    samples: RangeSamples, sensor: Sensor, surface: Surface, module: int, earlier: Scan
-) -> _Readings:
+def _readings(samples: RangeSamples, sensor: Sensor, surface: Surface, module: int, earlier: Scan) -> _Readings:
     chosen = samples.module == module
     values = np.where(samples.status[chosen] == STATUS_OK, samples.range[chosen], np.nan)
     base_T_module = samples.base_T_tip[chosen] @ sensor.tip_T_module[module].matrix
@@ -204,7 +202,7 @@ def _dead(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
     values = readings.values[np.isfinite(readings.values)]
     reads = "gives no range" if len(values) == 0 else f"gives no range but {np.median(values):.4g} m"
     return (
-        f"{reads} in any of {n} samples while the surface is within {1000 * sensor.range_max:g} mm of {count:.0f} of them "
+        f"{reads} in all {n} samples while the surface is within {1000 * sensor.range_max:g} mm of {count:.0f} of them "
         f"or more with a probability of {1 - _UNLIKELY:.0%}: it is dead, or cannot see this material."
     )
 

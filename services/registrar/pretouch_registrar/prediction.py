@@ -35,13 +35,14 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
     origins, directions = _beams(path, sensor, _WIDE_BEAMS if problem.wide else _BEAMS)
     draws = _draws(_TRUTHS_AFTER if len(problem.beams.weights) else _TRUTHS)
     truths = x + draws @ np.linalg.cholesky(covariance).T
-    ranges = cast(problem, truths, origins, directions, sensor.range_min)
-    returned = np.where(ranges <= sensor.range_max, ranges, np.nan)
+    ranges = cast(problem, np.concatenate([x[None], truths]), origins, directions, sensor.range_min)
+    expected, *returned = np.where(ranges <= sensor.range_max, ranges, np.nan)
     samples = max(path.duration * sensor.rate * len(sensor.tip_T_module) / len(origins), 1.0)
     earlier = patches_among(problem.beams, problem.shared)
-    seen = [beams_of([Scan(origins, directions, each)], problem.shared, samples, earlier) for each in returned]
-    beams = Beams(*(np.concatenate(each) for each in zip(*seen, strict=True)))
-    worth = problem.beams.weights.sum() + beams.weights.sum() / len(truths)
+    weights = beams_of([Scan(origins, directions, expected)], problem.shared, samples, earlier).weights
+    seen = beams_of([Scan(origins, directions, each) for each in returned], problem.shared)
+    beams = seen._replace(weights=np.tile(weights, len(truths)))
+    worth = problem.beams.weights.sum() + weights.sum()
     systematic = np.diag(problem.systematic)
     precision = np.asarray(np.linalg.inv(_without(covariance, systematic)), dtype=np.float64)
     normal, fit = curvature_draws()

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import ConvexHull, QhullError
 
 from pretouch.geometry import Array
 from pretouch.scene import Scene
@@ -86,6 +87,7 @@ class Footprint(NamedTuple):
         low, high: m above the table, the lowest and the highest that the surface can be here, equal where it was seen.
         facing: cosine of its slope.
         nearby: m above the table, the highest that it can be nearby.
+        hull: 1 within the convex hull of what was seen, else 0.
         x_axis, y_axis: (3,) float64, unit, the table's axes in base.
         corner: (2,) float64, m along them, where the first cell begins.
     """
@@ -98,6 +100,7 @@ class Footprint(NamedTuple):
     high: NDArray[np.float32]
     facing: NDArray[np.float32]
     nearby: NDArray[np.float32]
+    hull: NDArray[np.float32]
     x_axis: Array
     y_axis: Array
     corner: Array
@@ -202,10 +205,23 @@ def _footprint(scene: Scene, points: Array, metres: Array, kind: NDArray[np.int6
         _single(high),
         _single(facing),
         _single(nearby),
+        _single(_hull(seen)),
         axes[:, 0].copy(),
         axes[:, 1].copy(),
         corner,
     )
+
+
+def _hull(seen: NDArray[np.bool_]) -> Array:
+    """(nx, ny) 1 on the cells within the convex hull of those `seen`; of fewer than three or of a line, these alone."""
+    cells = np.argwhere(seen)
+    try:
+        equations = ConvexHull(cells).equations
+    except QhullError:
+        return seen.astype(np.float64)
+    places = np.indices(seen.shape).reshape(2, -1)
+    within = (equations[:, :2] @ places + equations[:, 2:] <= 1e-9).all(axis=0)
+    return within.reshape(seen.shape).astype(np.float64)
 
 
 def _upper_mean(top: Array, cells: NDArray[np.int64], heights: Array) -> Array:

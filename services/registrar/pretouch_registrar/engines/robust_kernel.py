@@ -13,11 +13,9 @@ CAP_FRONT = 3.5
 CAP_BEHIND = 1.8
 """Cap of what may be a hidden side: behind a seen surface, but not below it."""
 HIDDEN_TABLE = 1.5
-"""Cost of a return that is explained by the table where the camera did not see it, behind an object: less than that of
-an unknown hidden side, but no reward. Without it an answer that carries the inside of a cup down onto the table is
-preferred to the truth."""
-UNSEEN_TABLE = 0.45
-"""The same where the camera had no depth at all."""
+"""Cost of a return that is explained by the table within the object's hull, where the camera did not see the table:
+less than that of an unknown hidden side, but no reward. Without it an answer that carries the inside of a cup down onto
+the table is preferred to the truth. Beyond the hull, in the object's shadow, there is mostly table."""
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -208,8 +208,12 @@ def spot_residual(
         return max(range_max - spot.means[h], 0.0) / std, CAP_FRONT, 0.0
     beyond = 0.5 * np.log(variance / (noise.surface * noise.surface))
     residual = (measured - spot.means[h]) / std
-    if interval and residual < 0 and robust_cost(0.5 * residual * residual, CAP_FRONT) > CAP_BEHIND:
-        return max((spot.nearest[h] - measured) / std, 0.0), CAP_FRONT - CAP_BEHIND, beyond + CAP_BEHIND
+    if interval and robust_cost(0.5 * residual * residual, CAP_FRONT) > CAP_BEHIND:
+        # a farther hidden surface may also lower the mean, where the nearest part counts most
+        low, high = min(spot.nearest[h], spot.means[h]), max(spot.nearest[h], spot.means[h])
+        outside = max(low - measured, measured - high, 0.0) / std
+        if outside < abs(residual):
+            return outside, CAP_FRONT - CAP_BEHIND, beyond + CAP_BEHIND
     return residual, CAP_FRONT, beyond
 
 

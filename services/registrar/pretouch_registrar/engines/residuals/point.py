@@ -5,7 +5,7 @@ In the cheaper of two ways:
 - by what the camera sees there: distance along that surface's normal; off the silhouette, of the nearest object
   pixel's surface, plus the distance to that pixel within the surface; where layers lie behind each other, as at a cup's
   rim, the front one beside it will do as well;
-- by the table: its height above it; where the camera did not see the table this is a guess, which costs.
+- by the table: its height above it; within the object's hull, where the camera did not see the table, this costs.
 
 A point whose beam came in through a seen part of the object has no business there: it also pays for how far inside the
 object's footprint that was. Behind a seen surface, but not below it, may be a hidden side: that disagreement is capped
@@ -25,9 +25,9 @@ from pretouch_registrar.engines.camera_model import NOWHERE, OBJECT, OTHER, TABL
 from pretouch_registrar.engines.compiled import NO_REFERENCES
 from pretouch_registrar.engines.correction import Vector
 from pretouch_registrar.engines.problem import Noise, Table, Target
-from pretouch_registrar.engines.projection import height_above, pixel_of, project
+from pretouch_registrar.engines.projection import cell_of, height_above, pixel_of, project
 from pretouch_registrar.engines.residuals.inside import depth_inside, pierced
-from pretouch_registrar.engines.robust_kernel import CAP_BEHIND, CAP_FRONT, HIDDEN_TABLE, UNSEEN_TABLE
+from pretouch_registrar.engines.robust_kernel import CAP_BEHIND, CAP_FRONT, HIDDEN_TABLE
 
 NORMAL, EDGE, INSIDE = 0, 1, 2
 """The three residuals of a point: along the normal of the surface or the table; within the surface, off the silhouette;
@@ -157,10 +157,10 @@ def point_residual(
     if height * height < cost:
         _explain_by_table(height, table, noise.table, out)
         _bound_inside(out, abs(height))
-        if kind == TABLE:
+        a, b = cell_of(point, footprint)
+        if kind == TABLE or a < 0 or footprint.hull[a, b] == 0:
             return cap, 0.0
-        hidden = min(UNSEEN_TABLE if kind == UNSEEN else HIDDEN_TABLE, 0.9 * cap)
-        return cap - hidden, hidden
+        return cap - HIDDEN_TABLE, HIDDEN_TABLE
     _bound_inside(out, np.sqrt(cost))
     out.values[NORMAL] = surface
     normal = (n0, n1, n2)
