@@ -12,6 +12,7 @@ from pretouch_registrar.engines import Engine
 from rich.console import Console
 
 from pretouch.errors import InvalidInput
+from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.frame_demo import engine_variable, run_frame
 from pretouch_simulation.frames import frame_case, load_frame
@@ -26,18 +27,24 @@ def demo(
     frame: Annotated[Path | None, typer.Option(help="A real depth frame's .json; left out: two made objects.")] = None,
     object_name: Annotated[str | None, typer.Option("--object", help="Which object of the frame.")] = None,
     seed: Annotated[int, typer.Option(help="Another seed hides another calibration error.")] = 0,
+    camera: Annotated[
+        CameraModel, typer.Option(help="The simulated depth camera before made objects.")
+    ] = CameraModel.WINDOW,
     sensor: Annotated[FingerModel, typer.Option(help="The simulated fingertip.")] = FingerModel.IDEAL,
     engine: Annotated[Engine, typer.Option(help="How scans are matched.")] = Engine.POSTERIOR,
     out: Annotated[Path | None, typer.Option("--json", help="With --frame: where its result goes.")] = None,
     results: Annotated[Path, typer.Option(help="Where picture and report go.")] = RESULTS,
 ) -> None:
-    """Correct an object's pose with a simulated finger, through all four services."""
+    """Correct an object's pose with a simulated finger, through all four services.
+
+    Camera and finger err in ways that no service is told.
+    """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         if frame is None:
             if object_name is not None or out is not None:
                 raise InvalidInput("--object and --json go with --frame.", "Add --frame FRAME.json, or leave them out.")
-            show(results, seed, sensor, engine, Console())
+            show(results, seed, camera, sensor, engine, Console())
         else:
             _frame(frame, object_name, seed, sensor, engine, out)
     except KeyboardInterrupt:

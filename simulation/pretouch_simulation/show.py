@@ -23,6 +23,7 @@ from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch.wire.common import samples_from_proto
 from pretouch_simulation.demo import Execute, Recording, record, request_for
 from pretouch_simulation.demo_table import live_table
+from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import FingerModel, realise
 from pretouch_simulation.finger_link import FingerProcess
 from pretouch_simulation.frame_demo import engine_variable
@@ -51,11 +52,11 @@ class Act:
 ACTS = (Act("drill", "REST"), Act("mug", "gRPC"))
 
 
-def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: Console) -> None:
+def show(results: Path, seed: int, camera: CameraModel, model: FingerModel, engine: Engine, console: Console) -> None:
     """Runs the demo and writes its picture and report into `results`."""
     started = time.monotonic()
     sensor = realise(model, generator("finger-model", seed)).sensor
-    cases = {act.object_name: make_case(act.object_name, MAKERS[act.object_name](), 0, seed) for act in ACTS}
+    cases = {act.object_name: make_case(act.object_name, MAKERS[act.object_name](), 0, seed, camera) for act in ACTS}
     recordings: list[Recording] = []
     with ExitStack() as stack:
         with console.status("Starting the fingers and the four services ..."):
@@ -68,7 +69,7 @@ def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: 
         _say(
             console,
             f"REST {services.rest}, gRPC {services.grpc}, gateway {services.gateway}.",
-            "Each camera's extrinsics are wrong by up to 2 cm and 5 degrees per axis; nobody is told by how much.",
+            f"The {camera} camera's extrinsics are wrong by up to 2 cm and 5 degrees per axis, nobody is told how much.",
             f"The robot moves {PACE:g} times as fast as planned, and its {model} finger measures as much faster.",
         )
         with Live(live_table(recordings), console=console, auto_refresh=False) as live:
@@ -77,7 +78,7 @@ def show(results: Path, seed: int, model: FingerModel, engine: Engine, console: 
                 for _ in _play(act, recordings[-1], services, fingers[act.object_name], sensor):
                     live.update(live_table(recordings), refresh=True)
     _say(console, *(f"{recording.title}: {recording.end()}" for recording in recordings))
-    _keep(recordings, results, f"engine {engine}, {model} finger, seed {seed}", console)
+    _keep(recordings, results, f"engine {engine}, {camera} camera, {model} finger, seed {seed}", console)
     _say(console, f"All of it took {time.monotonic() - started:.0f} s.")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ ACROSS = tips(0.16, 0.09)
 LEVEL = tips(0.08, 0.11)
 
 
-@given(at=st.floats(0.01, 0.06), garbled=st.integers(0, 5), seed=st.integers(0, 99))
+@given(at=st.floats(0.011, 0.06), garbled=st.integers(0, 5), seed=st.integers(0, 99))
 @settings(max_examples=12, deadline=None)
 def test_one_range_across_an_object_and_the_table_beside_it_is_stuck(at: float, garbled: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -94,6 +95,15 @@ def test_a_constant_range_far_from_anything_expected_is_stuck_over_a_flat_top_to
     sure = from_prior(Prior(0.001, 0.01), FLAT_SCENE.cloud)
     assert faults(samples(LEVEL, 0.03), FLAT_SCENE, estimate=sure) == [Fault.STUCK]
     assert faults(samples(LEVEL, 0.055), FLAT_SCENE, estimate=sure) == []
+
+
+def test_a_constant_range_after_a_scan_that_measured_nothing_is_stuck_without_more_ado() -> None:
+    before = BEFORE[id(FLAT_SCENE)]
+    assert faults(samples(LEVEL, 0.06), FLAT_SCENE, estimate=before) == []
+    doubted = replace(before, sensor_problem="The sensor is stuck.")
+    assert faults(samples(LEVEL, 0.06), FLAT_SCENE, estimate=doubted) == [Fault.STUCK]
+    varied = 0.06 + 0.0015 * np.random.default_rng(0).standard_normal(N)
+    assert faults(samples(LEVEL, varied), FLAT_SCENE, estimate=doubted) == []
 
 
 def test_a_module_that_reports_nothing_beside_the_object_is_not_stuck_over_its_top() -> None:

@@ -27,7 +27,7 @@ from pretouch.session import Budget, Proposer, SessionRequest, State
 from pretouch.tof import RangeSamples
 from pretouch.wire import json
 
-CASE = make_case("box", box(), 0)
+CASE = make_case("drill", drill(), 0)
 INITIAL = CASE.error(Pose.identity())
 SOUND = realise(FingerModel.IDEAL, generator("sound"))
 LOOP = Loop(InProcessDetector(), InProcessRegistrar(Engine.POSTERIOR, Registrar()))
@@ -156,5 +156,4 @@ def test_a_sound_finger_is_never_doubted(name: str) -> None:
     for finger in FINGERS.values():
         record = opened(finger, case)
         sent = scan(record, finger, case)
-        assert np.isfinite(sent.range).any()
         assert judge(sent, finger.sensor, record.scene, record.estimate) == ()

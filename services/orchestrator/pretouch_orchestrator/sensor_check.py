@@ -90,6 +90,7 @@ class _Readings(NamedTuple):
         origins, directions: (n, 3), in base, m and unit.
         expected: (n,), m.
         known: (n,): the surface there was seen.
+        doubted: no module measured anything in the scan before.
         missed: the samples as beams, together with all earlier ones where none of these has come back.
     """
 
@@ -100,6 +101,7 @@ class _Readings(NamedTuple):
     directions: Array
     expected: Array
     known: NDArray[np.bool_]
+    doubted: bool
     missed: Scan
 
 
@@ -120,7 +122,7 @@ def judge(
     earlier = Scan.concatenate(list(before))
     verdicts = []
     for module in modules:
-        readings = _readings(samples, sensor, surface, module, earlier)
+        readings = _readings(samples, sensor, surface, module, bool(estimate.sensor_problem), earlier)
         for fault, find in _CHECKS.items():
             if text := find(readings, sensor, surface):
                 verdicts.append(Verdict(module, fault, f"{readings.name} {text}"))
@@ -146,7 +148,9 @@ def told(verdicts: Sequence[Verdict]) -> str:
     return " ".join(texts)
 
 
-def _readings(samples: RangeSamples, sensor: Sensor, surface: Surface, module: int, earlier: Scan) -> _Readings:
+def _readings(
+    samples: RangeSamples, sensor: Sensor, surface: Surface, module: int, doubted: bool, earlier: Scan
+) -> _Readings:
     chosen = samples.module == module
     values = np.where(samples.status[chosen] == STATUS_OK, samples.range[chosen], np.nan)
     base_T_module = samples.base_T_tip[chosen] @ sensor.tip_T_module[module].matrix
@@ -160,6 +164,7 @@ def _readings(samples: RangeSamples, sensor: Sensor, surface: Surface, module: i
         directions,
         surface.ranges(origins, directions),
         surface.known_at(origins, directions),
+        doubted=doubted,
         missed=beams if earlier.returned.any() else Scan.concatenate([earlier, beams]),
     )
 
@@ -202,19 +207,23 @@ def _dead(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
     values = readings.values[np.isfinite(readings.values)]
     reads = "gives no range" if len(values) == 0 else f"gives no range but {np.median(values):.4g} m"
     return (
-        f"{reads} in all {n} samples while the surface is within {1000 * sensor.range_max:g} mm of {count:.0f} of them "
-        f"or more with a probability of {1 - _UNLIKELY:.0%}: it is dead, or cannot see this material."
+        f"{reads} in any of {n} samples while the surface is within {1000 * sensor.range_max:g} mm of {count:.0f} of "
+        f"them or more with a probability of {1 - _UNLIKELY:.0%}: it is dead, or cannot see this material."
     )
 
 
 def _stuck(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
-    """One and the same range over a surface that cannot be everywhere as far away."""
+    """One and the same range over a surface that cannot be everywhere as far away, or after a scan of no use."""
     reported = np.flatnonzero(np.isfinite(readings.values))
     if len(reported) < max(_ENOUGH, _REPORTED * len(readings.values)):
         return ""
     constant, spread = _narrowest(readings.values[reported])
     if spread > _CONSTANT:
         return ""
+    count = int((np.abs(readings.values[reported] - constant) <= _CONSTANT).sum())
+    reads = f"reads {1000 * constant:.1f} mm in {count} of {len(reported)} samples"
+    if readings.doubted:
+        return f"{reads} after a scan that was no better: it is stuck."
     chosen = reported[readings.known[reported]]
     if len(chosen) < _ENOUGH:
         return ""
@@ -222,15 +231,11 @@ def _stuck(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
     variation, off = _drawn_contradictions(readings, some, sensor, surface, constant)
     if ((variation <= _CONTRADICTED) & (off <= _LEVEL)).any(axis=0).mean() > _UNLIKELY:
         return ""
-    count = int((np.abs(readings.values[reported] - constant) <= _CONSTANT).sum())
     low, middle, high = np.quantile(readings.expected[some], (0.1, 0.5, 0.9))
     does = f"varies by {1000 * (high - low):.0f} mm"
     if high - low <= _CONTRADICTED:
         does = f"is {1000 * middle:.0f} mm away"
-    return (
-        f"reads {1000 * constant:.1f} mm in {count} of {len(reported)} samples while the surface that the camera "
-        f"saw under it {does}: it is stuck."
-    )
+    return f"{reads} while the surface that the camera saw under it {does}: it is stuck."
 
 
 def _noise(readings: _Readings, sensor: Sensor, _: Surface) -> str:

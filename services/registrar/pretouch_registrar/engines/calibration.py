@@ -14,7 +14,7 @@ from pretouch.geometry import Array
 from pretouch_registrar.engines.inliers import Judged
 from pretouch_registrar.engines.problem import Problem
 
-_CONSTANT, _WIDE = -0.28, 0.43
+_CONSTANT, _WIDE = -0.15, 0.43
 _CONTRADICTING, _HIDDEN = 1.2, 0.6
 """For the share of the samples that contradict the answer beyond the usual, and of the returns that it leaves to what
 the camera did not see."""
@@ -22,7 +22,7 @@ _USUAL, _USUAL_WIDE = 0.03, 0.20
 """Shares of contradicting samples that a right answer leaves, of a thin and of a wide beam."""
 _FAR, _FAR_FROM = 0.34, 1.5
 """For each standard deviation of the prior by which the largest component of the correction exceeds _FAR_FROM."""
-_MANY, _FEW = 0.10, 100.0
+_MANY, _FEW = 0.06, 100.0
 """For the logarithm of the samples' worth over _FEW."""
 _MOST = 1.5
 
