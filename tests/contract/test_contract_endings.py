@@ -16,7 +16,7 @@ from processes import Orchestrator
 from pretouch.client import RestClient
 from pretouch.estimate import Estimate, Mode
 from pretouch.geometry import Pose
-from pretouch.session import Budget, ScanPlan, Session, Skipped, State, Submission, Tolerance
+from pretouch.session import Budget, ScanPlan, ScanSettings, Session, Skipped, State, Submission, Tolerance
 
 STUCK = "All 96 ranges are 31.2 mm: the sensor is stuck."
 FAR = Pose.from_rotation_vector([0.0, 0.0, 0.5], [0.01, 0.02, 0.0])
@@ -47,6 +47,8 @@ def skipped(plan: ScanPlan) -> Submission:
     return Skipped()
 
 
+HIGH = ScanSettings(standoff=0.09)
+"""From where nothing need come back."""
 roomy = Budget(**ROOMY)
 fine = Tolerance(error=1e-6)
 
@@ -59,7 +61,8 @@ fine = Tolerance(error=1e-6)
         ("fraction", {"budget": Budget(20, 1e5, 0.001)}, measured, unchanged, 0, "0.1% allowed"),
         ("nothing-to-gain", {"budget": roomy, "tolerance": fine}, measured, unchanged, 3, "Of 3 regions"),
         ("nothing-to-gain", {"budget": roomy}, skipped, unchanged, 0, "could not reach 3"),
-        ("out-of-range", {"budget": Budget(2, 1e5, 1.0)}, missed, unchanged, 2, "of 2 scans came back"),
+        ("out-of-range", {"budget": Budget(2, 1e5, 1.0), "scan": HIGH}, missed, unchanged, 2, "of 2 scans came back"),
+        ("sensor", {"budget": roomy}, missed, unchanged, 2, "it is dead"),
         ("misfit", {"budget": roomy}, measured, misfit, 3, "0.0004"),
         ("sensor", {"budget": roomy}, measured, stuck, 2, STUCK),
     ],

@@ -237,6 +237,8 @@ class Sessions:
         self._remember(after)
         self._broker.publish(after.id)
         self._note_end(session)
+        if session.estimate.sensor_problem:
+            self._kit.log.warning("a scan measured nothing", problem=session.estimate.sensor_problem)
         self._kit.log.info("session went on", state=session.state, scans=session.budget_used.scans)
         return session
 
