@@ -3,9 +3,9 @@
 The logarithm of the factor by which standard deviations are widened is linear in a few figures of the answer. It was
 fitted, with what no sample averages out (`problem`), by the log score of the truth, a Student t so that single failures
 do not rule it: 700 answers after 1 to 5 scans on training meshes before simulated cameras `kinect` and `random` under
-fingers `ideal`, `cone` and `random`, and on two real frames (0000_000001 and 0000_000003 of YCB-Video). The constant was
-then raised from -0.28 and the samples' share lowered from 0.10, by eye: after one scan 83 to 88 % of such truths lay in
-the 95 % region.
+fingers `ideal`, `cone` and `random`, and on two real frames (0000_000001 and 0000_000003 of YCB-Video). The constant
+was then raised from -0.28 and the samples' share lowered from 0.10, by eye: after one scan 83 to 88 % of such truths
+lay in the 95 % region.
 """
 
 from __future__ import annotations
