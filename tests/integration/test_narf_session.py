@@ -1,5 +1,6 @@
 """A session that asks for proposer `narf`, from the depth image to its first scan."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from made_frame import write_mesh
@@ -38,6 +39,6 @@ async def test_a_flat_card_has_no_keypoint_and_its_session_ends_exhausted() -> N
 
 def test_evaluation_rows_name_the_proposer(tmp_path: Path) -> None:
     write_mesh(tmp_path / "mug.obj", mug())
-    (run,) = run_task(MeshTask(tmp_path / "mug.obj", 0), [PROTOCOL])
-    assert [row.proposer for row in run.rows] == ["narf"]
-    assert run.rows[0].error < run.rows[0].initial_error
+    (run,) = run_task(MeshTask(tmp_path / "mug.obj", 0), [replace(PROTOCOL, scans=2)])
+    assert [row.proposer for row in run.rows] == ["narf", "narf"]
+    assert run.rows[-1].error < 0.5 * run.rows[-1].initial_error

@@ -28,6 +28,8 @@ from pretouch_registrar.recent import Recent
 
 _MODELS, _SOLUTIONS = 32, 64
 """Results that a registrar keeps."""
+_CONTRADICTION = 2.6
+"""Standard deviations of the prior, per axis, beyond which a correction contradicts it."""
 _MISFIT = 0.01
 """p-value of the samples under the answer below which the prior comes back, and the answer with it."""
 
@@ -115,9 +117,11 @@ def _doubted(solution: Solution, prior: Prior) -> Solution:
     """Less sure of an answer that does not explain the samples, and of none more sure than of nothing.
 
     Below a p-value of _MISFIT the answer is a mixture with the prior: the worse the samples fit, the more of the prior.
-    Whatever the samples, the covariance is not wider than the prior's in any direction.
+    Where the answer lies far beyond the prior one of the two is wrong, and the prior is the answer. Whatever the
+    samples, the covariance is not wider than the prior's in any direction.
     """
-    share = max(0.0, 1.0 - solution.fit / _MISFIT)
+    sigmas = np.abs(solution.x) / np.sqrt(np.diag(prior.covariance()))
+    share = 1.0 if sigmas.max() > _CONTRADICTION else max(0.0, 1.0 - solution.fit / _MISFIT)
     mean = (1.0 - share) * solution.x
     between = share * (1.0 - share) * np.outer(solution.x, solution.x)
     covariance = (1.0 - share) * solution.covariance + share * prior.covariance() + between
