@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pretouch_registrar.engines.patches import SharedError, no_patches, patches_of, sample_weights
+from pretouch_registrar.engines.patches import SharedError, patches_of, sample_weights
 
 from pretouch.geometry import Array
 
@@ -95,7 +95,8 @@ def test_the_same_samples_again_tell_less_and_elsewhere_as_much_as_ever(
         sample_weights(away, directions, returned, error, earlier=known),
         sample_weights(away, directions, returned, error),
     )
-    np.testing.assert_array_equal(sample_weights(points, directions, returned, error, earlier=no_patches()), once)
+    none = patches_of(points[:0], directions[:0], returned[:0], error)
+    np.testing.assert_array_equal(sample_weights(points, directions, returned, error, earlier=none), once)
 
 
 @given(seeds, st.integers(1, 60), st.integers(1, 9), errors)

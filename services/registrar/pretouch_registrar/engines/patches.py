@@ -37,11 +37,6 @@ class Patches(NamedTuple):
     counts: Array
 
 
-def no_patches() -> Patches:
-    """Of no samples."""
-    return Patches(np.zeros((0, 4), dtype=np.int64), np.zeros(0))
-
-
 def patches_of(points: Array, directions: Array, returned: NDArray[np.bool_], error: SharedError) -> Patches:
     """The patches of samples: points (n, 3), m, where a beam ended, or began if it met nothing; directions (n, 3)."""
     keys, counts = np.unique(_keys(points, directions, returned, error.patch), axis=0, return_counts=True)
