@@ -87,6 +87,7 @@ class Footprint(NamedTuple):
         low, high: m above the table, the lowest and the highest that the surface can be here, equal where it was seen.
         facing: cosine of its slope.
         nearby: m above the table, the highest that it can be nearby.
+        hidden: bool, whether `low` and `high` differ anywhere nearby.
         hull: 1 within the convex hull of what was seen, else 0.
         x_axis, y_axis: (3,) float64, unit, the table's axes in base.
         corner: (2,) float64, m along them, where the first cell begins.
@@ -100,6 +101,7 @@ class Footprint(NamedTuple):
     high: NDArray[np.float32]
     facing: NDArray[np.float32]
     nearby: NDArray[np.float32]
+    hidden: NDArray[np.bool_]
     hull: NDArray[np.float32]
     x_axis: Array
     y_axis: Array
@@ -191,11 +193,13 @@ def _footprint(scene: Scene, points: Array, metres: Array, kind: NDArray[np.int6
     inside, edge = ndimage.distance_transform_edt(closed, return_indices=True)
     outward = (edge - np.indices(closed.shape)) / np.maximum(inside, 1e-9)
     upper = _upper_mean(top, cells, scene.table.height(points))
+    upper = np.where(top >= 0, upper, _neighbours(scene, axes, corner, top.shape, kind))
     low, high = _heights(scene, upper, axes, corner, metres, kind)
     smooth = ndimage.gaussian_filter(low, 1.0)
     slope = np.hypot(*np.gradient(smooth, CELL))
     facing = 1.0 / np.sqrt(1.0 + slope**2)
     nearby = ndimage.maximum_filter(high, size=2 * _CONE + 1)
+    hidden = ndimage.maximum_filter(high - low, size=2 * _CONE + 1) > 0.0
     return Footprint(
         _single(top),
         _single(inside * CELL),
@@ -205,11 +209,32 @@ def _footprint(scene: Scene, points: Array, metres: Array, kind: NDArray[np.int6
         _single(high),
         _single(facing),
         _single(nearby),
+        hidden,
         _single(_hull(seen)),
         axes[:, 0].copy(),
         axes[:, 1].copy(),
         corner,
     )
+
+
+def _neighbours(
+    scene: Scene, axes: Array, corner: Array, shape: tuple[int, ...], kind: NDArray[np.int64]
+) -> Array:
+    """(nx, ny) m above the table, of what else stands there; below 0 where nothing does.
+
+    Strips of fewer than three pixels are left out: mixed pixels at silhouettes.
+    """
+    heights = np.full(shape, -1.0)
+    points = scene.organised[ndimage.binary_opening(kind == OTHER, np.ones((3, 3)))]
+    cells = np.floor((points @ axes[:, :2] - corner) / CELL).astype(np.int64)
+    within = ((cells >= 0) & (cells < shape)).all(axis=1)
+    np.maximum.at(heights, tuple(cells[within].T), scene.table.height(points[within]))
+    seen = heights >= 0
+    if not seen.any():
+        return heights
+    closed = ndimage.binary_closing(seen, iterations=1)
+    _, nearest = ndimage.distance_transform_edt(~seen, return_indices=True)
+    return np.where(closed, heights[nearest[0], nearest[1]], -1.0)
 
 
 def _hull(seen: NDArray[np.bool_]) -> Array:
@@ -255,7 +280,7 @@ def _heights(
         u, v = np.round(scene.camera.project(seen)).astype(np.int64).T
         inside = (u >= 0) & (v >= 0) & (u < metres.shape[1]) & (v < metres.shape[0])
         u, v = np.where(inside, u, 0), np.where(inside, v, 0)
-        behind = inside & (kind[v, u] == OBJECT) & (seen[:, 2] > metres[v, u] + 0.004)
+        behind = inside & ((kind[v, u] == OBJECT) | (kind[v, u] == OTHER)) & (seen[:, 2] > metres[v, u] + 0.004)
         still = np.flatnonzero(open_)
         bound[still[behind]] = height
         open_[still[~behind]] = False

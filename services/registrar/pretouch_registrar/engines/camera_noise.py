@@ -51,9 +51,11 @@ def camera_noise(scene: Scene) -> CameraNoise:
     if len(points) < _FEWEST_PIXELS:
         return CameraNoise(UNKNOWN_PIXEL, UNKNOWN_PATCH)
     residuals = _off_plane(points)
-    cells = np.floor(points[:, :2] / PATCH).astype(np.int64)
-    _, patch, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    means = (np.bincount(patch.ravel(), residuals) / count)[count >= 0.5 * np.median(count)]
+    column, row = np.floor(points[:, :2] / PATCH).astype(np.int64).T
+    patch = (column - column.min()) * (np.ptp(row) + 1) + row - row.min()
+    sums, counts = np.bincount(patch, residuals), np.bincount(patch)
+    there = counts >= 0.5 * np.median(counts[counts > 0])
+    means = sums[there] / counts[there]
     if len(means) < _FEWEST_PATCHES:
         return CameraNoise(UNKNOWN_PIXEL, UNKNOWN_PATCH)
     return CameraNoise(_robust_std(residuals), float(np.clip(_robust_std(means), _LEAST, _MOST)))

@@ -74,6 +74,16 @@ def _surface_at(x: float, y: float, heights: NDArray[np.float32], facing: NDArra
     return 0.0, 1.0
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _nearby(x: float, y: float, footprint: Footprint) -> tuple[float, bool]:
+    """m: the highest that the surface can be near a place of the footprint, and whether it is hidden anywhere there."""
+    if x >= 0 and y >= 0:
+        i, j = int(x / CELL), int(y / CELL)
+        if i < footprint.nearby.shape[0] and j < footprint.nearby.shape[1]:
+            return footprint.nearby[i, j], footprint.hidden[i, j]
+    return 0.0, False
+
+
 @njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def _meet(
     origin: Vector, ray: Vector, start: float, stop: float, heights: NDArray[np.float32], facing: NDArray[np.float32]
@@ -136,7 +146,7 @@ def _trace(origin: Vector, direction: Vector, target: Target, cone: Cone, spot: 
             spot.near_facing[k] = spot.far_facing[k] = 0.05
             continue
         stop = min(farthest / length, o[2] / -ray[2])
-        top, _ = _surface_at(o[0] + 0.5 * ray[0] * stop, o[1] + 0.5 * ray[1] * stop, footprint.nearby, footprint.facing)
+        top, hidden = _nearby(o[0] + 0.5 * ray[0] * stop, o[1] + 0.5 * ray[1] * stop, footprint)
         if top <= _FLAT:
             spot.near[k] = spot.far[k] = max(stop, _LEAST_PATH) * length
             spot.near_facing[k] = spot.far_facing[k] = -ray[2] / length
@@ -144,41 +154,43 @@ def _trace(origin: Vector, direction: Vector, target: Target, cone: Cone, spot: 
         start = min(max(_LEAST_PATH, (o[2] - top) / -ray[2]), stop)
         far, facing = _meet(o, ray, start, stop, footprint.low, footprint.facing)
         spot.far[k], spot.far_facing[k] = max(far, _LEAST_PATH) * length, facing
-        near, facing = _meet(o, ray, start, stop, footprint.high, footprint.facing)
+        near = far
+        if hidden:
+            near, facing = _meet(o, ray, start, stop, footprint.high, footprint.facing)
         spot.near[k], spot.near_facing[k] = max(near, _LEAST_PATH) * length, facing
         several = several or far - near > 1e-3
     return several
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
-def _average(paths: Array, facing: Array, cone: Cone, weights: Array, means: Array, spreads: Array) -> None:
-    """Fills `means` and `spreads` (h,) of paths (k,): range and variance of the paths under each hypothesis."""
-    count = paths.shape[0]
+def _average(paths: Array, facing: Array, cone: Cone, spot: Spot, means: Array) -> None:
+    """Fills `means` (h,) and the spot's `spreads`: range and variance of paths (k,) under each hypothesis."""
+    count, lengths = paths.shape[0], cone.decays.shape[0]
     first = paths[0]
     for k in range(1, count):
         first = min(first, paths[k])
-    lengths = cone.decays.shape[0]
     for k in range(count):
-        base = facing[k] / (paths[k] * paths[k])
+        base, beyond = facing[k] / (paths[k] * paths[k]), paths[k] - first
         fade = 1.0
         for b in range(lengths):
             if b > 0 and cone.decays[b] == 2.0 * cone.decays[b - 1]:
                 fade = fade * fade
-            else:
-                fade = np.exp(-(paths[k] - first) * cone.decays[b])
-            weights[b, k] = base * fade
+            elif beyond * cone.decays[b] > 0.0:
+                fade = np.exp(-beyond * cone.decays[b])
+            spot.weights[b, k] = base * fade
     for w in range(cone.profiles.shape[0]):
         for b in range(lengths):
             total = mean = square = 0.0
             for k in range(count):
-                weight = cone.profiles[w, k] * weights[b, k]
+                weight = cone.profiles[w, k] * spot.weights[b, k]
                 total += weight
-                mean += weight * paths[k]
-                square += weight * paths[k] * paths[k]
+                weight *= paths[k]
+                mean += weight
+                square += weight * paths[k]
             mean /= total
             h = w * lengths + b
             means[h] = mean * cone.scales[h]
-            spreads[h] = max(square / total - mean * mean, 0.0)
+            spot.spreads[h] = max(square / total - mean * mean, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
@@ -192,8 +204,8 @@ def measure(
     origin = (x - measured * dx, y - measured * dy, z - measured * dz)
     several = _trace(origin, direction, target, cone, spot)
     if several and returned:
-        _average(spot.near, spot.near_facing, cone, spot.weights, spot.nearest, spot.spreads)
-    _average(spot.far, spot.far_facing, cone, spot.weights, spot.means, spot.spreads)
+        _average(spot.near, spot.near_facing, cone, spot, spot.nearest)
+    _average(spot.far, spot.far_facing, cone, spot, spot.means)
     return several and returned
 
 
