@@ -156,6 +156,13 @@ def test_a_range_within_the_interval_of_what_is_hidden_costs_only_the_hidden_par
     assert residual(nearest - 0.01) != 0
 
 
+def test_what_stands_beside_the_object_is_in_the_spot_too() -> None:
+    neighbour = Box.standing((0.03, 0.08, 0.06), at=(0.08, 0.0))
+    model = camera_model.build(World((Box.standing((0.10, 0.08, TOP)), neighbour)).scene(KINECT))
+    over_the_neighbour = seen(model, (0.08, 0.0, 0.09), cone=cone_of(np.radians(5.0)))
+    assert over_the_neighbour.means == pytest.approx(0.03, abs=0.002)
+
+
 def test_a_thin_beam_has_no_hypotheses() -> None:
     assert len(thin_beam().scales) == len(thin_beam().length) == 0
     assert not pose_problem_is_wide(0.0)
