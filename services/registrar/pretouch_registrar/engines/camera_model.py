@@ -217,9 +217,7 @@ def _footprint(scene: Scene, points: Array, metres: Array, kind: NDArray[np.int6
     )
 
 
-def _neighbours(
-    scene: Scene, axes: Array, corner: Array, shape: tuple[int, ...], kind: NDArray[np.int64]
-) -> Array:
+def _neighbours(scene: Scene, axes: Array, corner: Array, shape: tuple[int, ...], kind: NDArray[np.int64]) -> Array:
     """(nx, ny) m above the table, of what else stands there; below 0 where nothing does.
 
     Strips of fewer than three pixels are left out: mixed pixels at silhouettes.

@@ -25,7 +25,7 @@ from pretouch_registrar.engines.solvers.levenberg_marquardt import refine
 _SEARCH_BEAMS = 120
 _MAX_BEAMS = 320
 """Beams used to search, and to refine and take the moments."""
-_WIDE_BEAMS = (60, 100)
+_WIDE_BEAMS = (80, 160)
 """The same for a wide beam: its samples overlap, and each costs more."""
 _ROUGH = 2.0
 """Noise factor above which half the beams do for the search."""
@@ -45,7 +45,8 @@ _NEARLY = 3.0
 def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solution:
     """The posterior's mean and covariance, and other modes that agree nearly as well."""
     search, most = _WIDE_BEAMS if problem.wide else (_SEARCH_BEAMS, _MAX_BEAMS)
-    rough, coarse, fine = (problem.thinned(beams) for beams in (search // 2, search, most))
+    distinct = problem.pooled() if problem.wide else problem
+    rough, coarse, fine = (distinct.thinned(beams) for beams in (search // 2, search, most))
     scale = 1.0 / np.sqrt(problem.prior)
 
     def energy(xs: Array, among: Problem = fine) -> Array:

@@ -35,6 +35,8 @@ _TEMPERATURE, _WIDE_TEMPERATURE, _GROWTH, _INDEPENDENT = 2.5, 2.2, 0.25, 60.0
 """The costs are divided by the temperature of a thin or of a wide beam, and by more for more than _INDEPENDENT samples'
 worth: what the model gets wrong all over. Chosen on training meshes and two real frames by the log score of the truth;
 the thin beam's was raised from 1.7 on 30 training meshes before camera `random`, whose surfaces are off as a whole."""
+_POOL, _POOL_TURN = 0.006, 0.05
+"""m and rad: a wide beam's samples from places and in directions that differ by less are taken together."""
 _SYSTEMATIC, _CONE_SYSTEMATIC = 0.0005, 0.0028
 """m: what a sensor errs by all over, thin beam and cone: its bias, and the direction in which it truly looks."""
 _CAMERA_SHARE, _CAMERA_TURN = 1.1, 10.0
@@ -154,6 +156,26 @@ class Problem(NamedTuple):
         """The same with one hypothesis about the cone."""
         return self._replace(cone=self.cone.only(hypothesis))
 
+    def pooled(self) -> Problem:
+        """The same with one beam for all that a module measured from about the same place: their median range.
+
+        A wide beam's spot hardly changes over a few millimetres, but noise and outliers average out.
+        """
+        b = self.beams
+        if not len(b.ranges):
+            return self
+        origins = b.points - b.ranges[:, None] * b.directions
+        keys = np.column_stack([np.floor(origins / _POOL), np.round(b.directions / _POOL_TURN), b.returned])
+        _, first, place, count = np.unique(keys, axis=0, return_index=True, return_inverse=True, return_counts=True)
+        place = place.ravel()
+        in_order = np.argsort(first)
+        ranges = np.array([np.median(b.ranges[place == k]) for k in in_order])
+        origin, direction = (_means(values, place, count)[in_order] for values in (origins, b.directions))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        weights = np.bincount(place, b.weights)[in_order].astype(np.float64)
+        ends = origin + ranges[:, None] * direction
+        return self._replace(beams=Beams(ends, direction, b.returned[first[in_order]], weights, ranges))
+
     def thinned(self, most: int) -> Problem:
         """The same with at most `most` of the beams, evenly in their order, which count for the others."""
         step = max(1, -(-len(self.beams.weights) // most))
@@ -166,6 +188,11 @@ class Problem(NamedTuple):
             np.ascontiguousarray(b.ranges[one_in]),
         )
         return self._replace(beams=kept)
+
+
+def _means(values: Array, place: NDArray[np.intp], count: NDArray[np.intp]) -> Array:
+    """(k, 3): the mean of the rows of values (n, 3) that go to each of the k places, given by `place` (n,)."""
+    return np.column_stack([np.bincount(place, column) / count for column in values.T])
 
 
 def temperature_of(worth: float, wide: bool) -> float:

@@ -1,7 +1,10 @@
 """Mean and covariance of a density with a few modes, by adaptive importance sampling.
 
 Draws from a mixture of Student distributions, one a mode, are weighed by the density itself; the mixture is fitted to
-them and drawn from once more. All draws count, under the mixture of all rounds (Cornuet et al. 2012, AMIS).
+them and drawn from again, until enough draws carry the weight. All draws count, under the mixture of all rounds
+(Cornuet et al. 2012, AMIS). Where few carry it, the mixture is fitted to a power of the weights, so that proposals that
+are too wide shrink step by step (El-Laham, Elvira and Bugallo, "Robust covariance adaptation in adaptive importance
+sampling", 2018).
 """
 
 from __future__ import annotations
@@ -15,13 +18,18 @@ import numpy as np
 from pretouch.geometry import Array
 
 _DRAWS = 384
-_ROUNDS = 2
+_LEAST_ROUNDS, _MOST_ROUNDS = 2, 5
+_PLENTY = 100.0
+"""Effective draws after which no further round is needed."""
+_FITTED = 60.0
+"""Effective draws that a mixture is fitted to, at least."""
 _FREEDOM = 6.0
 _INFLATED = 1.3
 """A proposal is this much wider than what it stands for, in variance."""
 _LEAST_SHARE = 0.04
 _ENOUGH = 25.0
 """Effective draws from which a mode is fitted anew."""
+_BISECTIONS = 12
 _ROUNDING = 1e-7
 """Variance that keeps a fitted covariance positive definite; the density's coordinates are of the order of 1."""
 _DOUBT = 10.0
@@ -46,7 +54,7 @@ def moments(energy: Callable[[Array], Array], modes: list[Mode]) -> tuple[Array,
     total = sum(mode.share for mode in modes)
     modes = [Mode(mode.mean, mode.covariance, mode.share / total) for mode in modes]
     draws, energies, proposals = [], [], []
-    for turn in range(_ROUNDS):
+    for turn in range(1, _MOST_ROUNDS + 1):
         batch = np.concatenate([_student(rng, mode) for mode in modes])
         draws.append(batch)
         energies.append(energy(batch))
@@ -54,17 +62,42 @@ def moments(energy: Callable[[Array], Array], modes: list[Mode]) -> tuple[Array,
         xs = np.concatenate(draws)
         density = sum(mode.share * _student_density(xs, mode) for mode in proposals)
         log_weight = -np.concatenate(energies) - np.log(density + 1e-300)
-        weight = np.exp(log_weight - log_weight.max())
-        weight /= weight.sum()
-        if turn < _ROUNDS - 1:
-            modes = _fitted(modes, xs, weight)
+        weight = _normalised(log_weight)
+        if turn == _MOST_ROUNDS or (turn >= _LEAST_ROUNDS and _effective(weight) > _PLENTY):
+            break
+        modes = _fitted(modes, xs, _tempered(log_weight))
     mean = weight @ xs
     apart = xs - mean
     covariance = (weight[:, None] * apart).T @ apart
-    effective = 1.0 / float((weight**2).sum())
+    effective = _effective(weight)
     trust = effective / (effective + _DOUBT)
     largest = max(modes, key=lambda mode: mode.share)
     return mean, trust * covariance + (1.0 - trust) * largest.covariance
+
+
+def _normalised(log_weight: Array) -> Array:
+    """(n,) weights that sum to 1."""
+    weight = np.exp(log_weight - log_weight.max())
+    return np.asarray(weight / weight.sum(), dtype=np.float64)
+
+
+def _effective(weight: Array) -> float:
+    """How many draws of equal weight tell as much."""
+    return 1.0 / float((weight**2).sum())
+
+
+def _tempered(log_weight: Array) -> Array:
+    """(n,): the weights to the greatest power, at most 1, that leaves _FITTED effective draws; normalised."""
+    low, high = 0.0, 1.0
+    if _effective(_normalised(log_weight)) >= _FITTED:
+        return _normalised(log_weight)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if _effective(_normalised(middle * log_weight)) >= _FITTED:
+            low = middle
+        else:
+            high = middle
+    return _normalised(low * log_weight)
 
 
 def _fitted(modes: list[Mode], xs: Array, weight: Array) -> list[Mode]:

@@ -1,0 +1,52 @@
+"""How far a pose is from the truth that explains the camera's image perfectly: what no finger can find better.
+
+    python experiments/camera_floor.py MESHES [--limit 20] [--seed 0]
+
+A depth camera's surface is off by millimetres, rigid in part. The camera's points of each validation mesh, at their
+true place, are fitted onto the true mesh (`fitted_truth`), as if a finger had measured all of it without error; the
+motion that this takes is the floor of any registration of the image. The views are those of `pretouch evaluate --split
+validation --views 1`. Fitted with a prior of 3 mm and 1 deg, the floor is a low estimate.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+from pretouch_simulation.depth_cameras import CameraModel
+from pretouch_simulation.fitted_truth import fitted_truth
+from pretouch_simulation.mesh import load_mesh
+from pretouch_simulation.mesh_folder import meshes_in
+from pretouch_simulation.protocol import make_case
+from pretouch_simulation.split import Split
+from rich.progress import track
+
+from pretouch.errors import PretouchError
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("meshes", type=Path)
+    parser.add_argument("--limit", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    try:
+        paths = meshes_in(arguments.meshes, (), arguments.limit, Split.VALIDATION)
+        floors = {camera: _floors(paths, arguments.seed, camera) for camera in CameraModel}
+    except PretouchError as error:
+        sys.exit(f"{error.detail} {error.remedy}")
+    print("| camera | n | mean, cm | median | p95 |\n|---|---|---|---|---|")
+    for camera, floor in floors.items():
+        cm = 100 * np.array(floor)
+        print(f"| {camera} | {len(cm)} | {cm.mean():.2f} | {np.median(cm):.2f} | {np.percentile(cm, 95):.2f} |")
+
+
+def _floors(paths: list[Path], seed: int, camera: CameraModel) -> list[float]:
+    cases = (make_case(path.stem, load_mesh(path), 0, seed, camera) for path in paths)
+    return [case.error(fitted_truth(case)) for case in track(cases, f"{camera}", total=len(paths))]
+
+
+if __name__ == "__main__":
+    main()
