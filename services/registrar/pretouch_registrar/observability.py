@@ -13,7 +13,7 @@ import numpy as np
 
 from pretouch.estimate import WeakDirection
 from pretouch.geometry import Array
-from pretouch_registrar.revolution import axis_of_revolution
+from pretouch_registrar.revolution import revolution_about
 
 FREE_STD = 0.003
 """m: a direction with a larger standard deviation is called free."""
@@ -113,8 +113,7 @@ class _Axes:
         name = "the vertical" if steepness > _ALONG else self._name(axis)
         tilts = steepness < _ACROSS and not name.startswith("the object")
         text = f"{'tilt' if tilts else 'rotation'} about {name}"
-        round_about = axis_of_revolution(self._cloud, axis)
-        if round_about is not None:
+        if revolution_about(self._cloud, axis) is not None:
             return f"{text} through the object, about which it looks round"
         away = float(np.linalg.norm(middle_to_axis))
         if away > radius:

@@ -43,13 +43,12 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
     seen = beams_of([Scan(origins, directions, each) for each in returned], problem.shared)
     beams = seen._replace(weights=np.tile(weights, len(truths)))
     worth = problem.beams.weights.sum() + weights.sum()
-    systematic = np.diag(problem.systematic)
-    precision = np.asarray(np.linalg.inv(_without(covariance, systematic)), dtype=np.float64)
+    precision = np.asarray(np.linalg.inv(_without(covariance, problem.systematic)), dtype=np.float64)
     normal, fit = curvature_draws()
     simulated = supposing_likeliest(x, problem).free()
     simulated = simulated._replace(beams=beams, temperature=temperature_of(float(worth), problem.wide))
     mean: Array = _mean_covariance(truths, simulated, precision, normal, np.ascontiguousarray(fit[1:]))
-    return np.asarray(mean + systematic, dtype=np.float64)
+    return np.asarray(mean + problem.systematic, dtype=np.float64)
 
 
 def _without(covariance: Array, systematic: Array) -> Array:
@@ -92,7 +91,7 @@ def _mean_covariance(truths: Array, problem: Problem, precision: Array, draws: A
         )
         each = Problem(
             seen, problem.target, problem.noise, problem.cone, problem.prior, problem.temperature, problem.shared,
-            problem.systematic,
+            problem.systematic, problem.free_turn,
         )  # fmt: skip
         total += covariance_after(truths[k], each, precision, draws, fit)
     return total / truths.shape[0]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from pretouch.geometry import Array, Plane
 
@@ -15,10 +18,27 @@ _TOLERANCE = 0.002
 _SHARE = 0.06
 _MIN_SECTORS = 6
 _ROUND_SHARE = 2 / 3
+_CLOSE, _CLOSE_SHARE = 0.0015, 0.02
+"""m, and the share of the radius: rms by which the outline of a slice that is round for certain strays."""
+_CERTAIN_SHARE, _CERTAIN_SLICES = 0.5, 5
+_MOST_RADIUS = 0.12
+"""m: a larger circle is a gentle curve."""
 
 
-def axis_of_revolution(cloud: Array, direction: Array) -> Array | None:
-    """(3,), m: a point on the axis about which the cloud (n, 3) looks round; None if it does not.
+class Revolution(NamedTuple):
+    """An axis about which a cloud looks round.
+
+    Attributes:
+        point: (3,), m, on it.
+        certain: whether so exactly that nothing seen could tell how far it is turned.
+    """
+
+    point: Array
+    certain: bool
+
+
+def revolution_about(cloud: Array, direction: Array) -> Revolution | None:
+    """The axis of a direction about which the cloud (n, 3), m, looks round; None if it does not.
 
     The outline of each slice across `direction` (3,), unit, is the farthest point of each of its sectors. One linear
     least squares fit gives the centre that all outlines share and a radius a slice (Kasa's circle fit), points that
@@ -50,7 +70,16 @@ def axis_of_revolution(cloud: Array, direction: Array) -> Array | None:
     np.maximum.at(worst, ring, strays / limit)
     if (worst[ring] <= 2.0).mean() < _ROUND_SHARE:
         return None
-    return np.asarray(axes @ [*centre, local[:, 2].mean()], dtype=np.float64)
+    point = np.asarray(axes @ [*centre, local[:, 2].mean()], dtype=np.float64)
+    return Revolution(point, _certain(ring, strays, radii))
+
+
+def _certain(ring: NDArray[np.intp], strays: Array, radii: Array) -> bool:
+    """Of outline points (k,) in slices `ring`: how far off their circle, and its radius."""
+    count = np.bincount(ring)
+    rms, radius = np.sqrt(np.bincount(ring, strays**2) / count), np.bincount(ring, radii) / count
+    close = (rms < _CLOSE + _CLOSE_SHARE * radius) & (radius < _MOST_RADIUS)
+    return bool(len(count) >= _CERTAIN_SLICES and close[ring].mean() > _CERTAIN_SHARE)
 
 
 def _outline(local: Array, slices: Array) -> Array | None:

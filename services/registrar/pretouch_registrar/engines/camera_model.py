@@ -14,6 +14,7 @@ from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch_registrar.engines.camera_noise import CameraNoise, camera_noise
 from pretouch_registrar.engines.plane_fits import fit_planes
+from pretouch_registrar.revolution import revolution_about
 
 UNSEEN, OBJECT, TABLE, OTHER = 0, 1, 2, 3
 """Kinds of a pixel: no depth, the object, the table, or something else that stands about."""
@@ -40,6 +41,8 @@ _AROUND = 14
 """Cells of the footprint around the object."""
 _LAYER = 0.004
 """m: points of a cell this far below its highest one belong to the same surface."""
+_MOST_POINTS = 5000
+"""Of the cloud that is looked at for roundness."""
 _CONE = 8
 """Cells about a cell that a ray may cross before it meets the surface."""
 
@@ -110,12 +113,18 @@ class Footprint(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CameraModel:
-    """One scene's surface, in base as the camera puts it."""
+    """One scene's surface, in base as the camera puts it.
+
+    Attributes:
+        free_turn: (6,), the correction by which the object turns about the vertical by 1 rad, if it looks so round
+            that nothing tells how far it is turned.
+    """
 
     scene: Scene
     pixels: Pixels
     footprint: Footprint
     noise: CameraNoise
+    free_turn: Array | None
 
 
 def build(scene: Scene) -> CameraModel:
@@ -147,7 +156,17 @@ def build(scene: Scene) -> CameraModel:
         _single(rims),
         np.ascontiguousarray(kind, dtype=np.int8),
     )
-    return CameraModel(scene, pixels, _footprint(scene, points[mask], metres, kind), noise)
+    footprint = _footprint(scene, points[mask], metres, kind)
+    return CameraModel(scene, pixels, footprint, noise, _free_turn(scene))
+
+
+def _free_turn(scene: Scene) -> Array | None:
+    """`CameraModel.free_turn`."""
+    cloud, up = scene.cloud, scene.table.normal
+    found = revolution_about(cloud[:: -(-len(cloud) // _MOST_POINTS)], up)
+    if found is None or not found.certain:
+        return None
+    return np.concatenate([up, np.cross(up, scene.centroid - found.point)])
 
 
 def _taken(normals: Array, offsets: Array, points: Array, nearest: NDArray[np.int32]) -> Surface:

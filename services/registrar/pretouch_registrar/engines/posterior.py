@@ -67,11 +67,20 @@ def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solutio
     found = _modes(places, covariances, heights)
     modes = [_in_units(mode, scale) for mode in [*found, _broad(xs)]]
     mean, covariance = importance.moments(lambda x: energy(x * scale), modes)
-    mean, covariance = mean * scale, covariance * np.outer(scale, scale)
-    covariance = widening(mean, judged(mean, problem), problem) ** 2 * covariance + np.diag(problem.systematic)
+    mean, covariance = _unturned(mean * scale, problem), covariance * np.outer(scale, scale)
+    covariance = widening(mean, judged(mean, problem), problem) ** 2 * covariance + problem.systematic
     likely = heights < level.min() + _NEARLY
     shares = np.array([mode.share for mode in found])[likely]
     return Solution(mean, covariance, places[likely][1:], shares / shares.sum())
+
+
+def _unturned(x: Array, problem: Problem) -> Array:
+    """The correction (6,) less what it turns about an axis that nothing tells of: where the prior would have it."""
+    free = problem.free_turn
+    information = float(free @ (problem.prior * free))
+    if information == 0.0:
+        return x
+    return np.asarray(x - float(free @ (problem.prior * x)) / information * free, dtype=np.float64)
 
 
 def _broad(xs: Array) -> Mode:

@@ -127,7 +127,8 @@ class Problem(NamedTuple):
         prior: (6,) inverse variances of the correction, order (w, d).
         temperature: what the cost is divided by to be a negative log likelihood.
         shared: what neighbouring samples err together.
-        systematic: (6,) variances of the correction that no number of samples reduces.
+        systematic: (6, 6) covariance of the correction that no number of samples reduces.
+        free_turn: (6,), see `CameraModel`; 0 without.
     """
 
     beams: Beams
@@ -138,6 +139,7 @@ class Problem(NamedTuple):
     temperature: float
     shared: SharedError
     systematic: Array
+    free_turn: Array
 
     @property
     def wide(self) -> bool:
@@ -250,6 +252,7 @@ def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor
     target = Target(np.array(scene.centroid), optics, table, model.pixels, model.footprint)
     shared = shared_error(sensor, model.noise)
     beams = beams_of(scans, shared)
+    free_turn = np.zeros(6) if model.free_turn is None else model.free_turn
     return Problem(
         beams,
         target,
@@ -258,12 +261,18 @@ def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor
         inverse,
         temperature_of(float(beams.weights.sum()), sensor.beam_half_angle > WIDE),
         shared,
-        _systematic(sensor, model.noise, inverse),
+        _systematic(sensor, model.noise, inverse, free_turn),
+        free_turn,
     )
 
 
-def _systematic(sensor: Sensor, camera: CameraNoise, prior: Array) -> Array:
-    """`Problem.systematic`; no more than a quarter of the variance of a tight prior, given by its inverse (6,)."""
+def _systematic(sensor: Sensor, camera: CameraNoise, prior: Array, free_turn: Array) -> Array:
+    """`Problem.systematic`: what sensor and camera err by all over, no more than a quarter of the variance of a tight
+    prior, given by its inverse (6,); and all of the prior's about a free turn."""
     own = _CONE_SYSTEMATIC if sensor.beam_half_angle > WIDE else _SYSTEMATIC
     shift, turn = float(np.hypot(own, _CAMERA_SHARE * camera.patch)), _CAMERA_TURN * camera.patch
-    return np.minimum(np.array([turn**2] * 3 + [shift**2] * 3), 0.25 / prior)
+    shared = np.minimum(np.array([turn**2] * 3 + [shift**2] * 3), 0.25 / prior)
+    information = float(free_turn @ (prior * free_turn))
+    if information == 0.0:
+        return np.diag(shared)
+    return np.asarray(np.diag(shared) + np.outer(free_turn, free_turn) / information, dtype=np.float64)
