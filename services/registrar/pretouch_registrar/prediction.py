@@ -13,7 +13,7 @@ from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.engines.laplace import covariance_after, curvature_draws
 from pretouch_registrar.engines.objective import supposing_likeliest
-from pretouch_registrar.engines.problem import Beams, Problem, beams_of, patches_among, temperature_of
+from pretouch_registrar.engines.problem import Beams, Problem, beams_of, patches_among
 from pretouch_registrar.ray_casting import cast
 
 _TRUTHS, _TRUTHS_AFTER = 12, 8
@@ -42,11 +42,10 @@ def predicted_covariance(problem: Problem, x: Array, covariance: Array, path: Tr
     weights = beams_of([Scan(origins, directions, expected)], problem.shared, samples, earlier).weights
     seen = beams_of([Scan(origins, directions, each) for each in returned], problem.shared)
     beams = seen._replace(weights=np.tile(weights, len(truths)))
-    worth = problem.beams.weights.sum() + weights.sum()
     precision = np.asarray(np.linalg.inv(_without(covariance, problem.systematic)), dtype=np.float64)
     normal, fit = curvature_draws()
     simulated = supposing_likeliest(x, problem).free()
-    simulated = simulated._replace(beams=beams, temperature=temperature_of(float(worth), problem.wide))
+    simulated = simulated._replace(beams=beams, temperature=problem.temperature_with(float(weights.sum())))
     mean: Array = _mean_covariance(truths, simulated, precision, normal, np.ascontiguousarray(fit[1:]))
     return np.asarray(mean + problem.systematic, dtype=np.float64)
 

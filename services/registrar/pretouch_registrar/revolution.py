@@ -20,7 +20,8 @@ _MIN_SECTORS = 6
 _ROUND_SHARE = 2 / 3
 _CLOSE, _CLOSE_SHARE = 0.0015, 0.02
 """m, and the share of the radius: rms by which the outline of a slice that is round for certain strays."""
-_CERTAIN_SHARE, _CERTAIN_SLICES = 0.5, 5
+_CERTAIN_SHARE, _CERTAIN_SLICES, _CERTAIN_SECTORS = 0.5, 5, 16
+"""Of the outline, how much must lie in such slices; and how many slices there must be, or sectors of one slice."""
 _MOST_RADIUS = 0.12
 """m: a larger circle is a gentle curve."""
 
@@ -79,7 +80,8 @@ def _certain(ring: NDArray[np.intp], strays: Array, radii: Array) -> bool:
     count = np.bincount(ring)
     rms, radius = np.sqrt(np.bincount(ring, strays**2) / count), np.bincount(ring, radii) / count
     close = (rms < _CLOSE + _CLOSE_SHARE * radius) & (radius < _MOST_RADIUS)
-    return bool(len(count) >= _CERTAIN_SLICES and close[ring].mean() > _CERTAIN_SHARE)
+    enough = len(count) >= _CERTAIN_SLICES or count[close].max(initial=0) >= _CERTAIN_SECTORS
+    return bool(enough and close[ring].mean() > _CERTAIN_SHARE)
 
 
 def _outline(local: Array, slices: Array) -> Array | None:

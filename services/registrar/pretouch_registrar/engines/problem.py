@@ -31,10 +31,12 @@ CONE_STD = 0.0020
 """m: what the hypotheses about a cone get wrong."""
 _CONE_SHARED, _CONE_PATCH = 0.0025, 0.02
 """m: error of the cone's model that neighbouring spots share, and over which length."""
-_TEMPERATURE, _WIDE_TEMPERATURE, _GROWTH, _INDEPENDENT = 2.5, 2.2, 0.25, 60.0
+_TEMPERATURE, _ROUGH, _WIDE_TEMPERATURE, _GROWTH, _INDEPENDENT = 1.7, 0.8, 2.2, 0.25, 60.0
 """The costs are divided by the temperature of a thin or of a wide beam, and by more for more than _INDEPENDENT samples'
-worth: what the model gets wrong all over. Chosen on training meshes and two real frames by the log score of the truth;
-the thin beam's was raised from 1.7 on 30 training meshes before camera `random`, whose surfaces are off as a whole."""
+worth: what the model gets wrong all over. Chosen on training meshes and two real frames by the log score of the truth.
+A thin beam's grows by up to _ROUGH with the camera's patch error, up to _ROUGH_PATCH, m: what errs by patches errs as a
+whole too, which the table does not show."""
+_ROUGH_PATCH = 0.001
 _POOL, _POOL_TURN = 0.006, 0.05
 """m and rad: a wide beam's samples from places and in directions that differ by less are taken together."""
 _SYSTEMATIC, _CONE_SYSTEMATIC = 0.0005, 0.0028
@@ -146,6 +148,11 @@ class Problem(NamedTuple):
         """Whether the beams are cones."""
         return len(self.cone.length) > 0
 
+    def temperature_with(self, further: float) -> float:
+        """The temperature after further samples that are together worth so many independent ones."""
+        worth = float(self.beams.weights.sum())
+        return self.temperature * _growth(worth + further) / _growth(worth)
+
     def free(self) -> Problem:
         """The same without the prior."""
         return self._replace(prior=np.zeros(6))
@@ -197,9 +204,14 @@ def _means(values: Array, place: NDArray[np.intp], count: NDArray[np.intp]) -> A
     return np.column_stack([np.bincount(place, column) / count for column in values.T])
 
 
-def temperature_of(worth: float, wide: bool) -> float:
+def _temperature(worth: float, wide: bool, camera: CameraNoise) -> float:
     """`Problem.temperature` for samples of a wide or a thin beam, together worth as many independent ones."""
-    return float((_WIDE_TEMPERATURE if wide else _TEMPERATURE) * max(worth / _INDEPENDENT, 1.0) ** _GROWTH)
+    thin = _TEMPERATURE + _ROUGH * min(camera.patch / _ROUGH_PATCH, 1.0)
+    return (_WIDE_TEMPERATURE if wide else thin) * _growth(worth)
+
+
+def _growth(worth: float) -> float:
+    return float(max(worth / _INDEPENDENT, 1.0) ** _GROWTH)
 
 
 def shared_error(sensor: Sensor, camera: CameraNoise) -> SharedError:
@@ -259,7 +271,7 @@ def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor
         _noise_of(sensor, model.noise),
         cone,
         inverse,
-        temperature_of(float(beams.weights.sum()), sensor.beam_half_angle > WIDE),
+        _temperature(float(beams.weights.sum()), sensor.beam_half_angle > WIDE, model.noise),
         shared,
         _systematic(sensor, model.noise, inverse, free_turn),
         free_turn,
