@@ -39,7 +39,7 @@ def within_top(rng: np.random.Generator, count: int = 15) -> Array:
 
 
 def within_table(rng: np.random.Generator, count: int = 15) -> Array:
-    return np.asarray(rng.uniform((-0.03, 0.065), (0.03, 0.1), (count, 2)))
+    return np.asarray(rng.uniform((-0.03, 0.08), (0.03, 0.1), (count, 2)))
 
 
 def neither(verdict: Judged) -> Array:

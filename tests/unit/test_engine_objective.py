@@ -140,7 +140,7 @@ def test_samples_of_one_hypothesis_are_best_explained_by_it_all_together(block: 
     origins = np.column_stack([x, np.zeros(25), np.full(25, 0.085)])
     down = np.tile([0.0, 0.0, -1.0], (25, 1))
     sensor = Sensor(beam_half_angle=HALF_ANGLE)
-    nearest = np.where(np.abs(x + 0.05) < 0.012, 0.045, BLOCK.cast(origins, down)[0])
+    nearest = np.where(np.abs(x + 0.05) < 0.016, 0.045, BLOCK.cast(origins, down)[0])
     problem = pose_problem(block, [Scan(origins, down, nearest)], Prior(), sensor)
     lengths = len(problem.cone.decays)
     assert likeliest_hypothesis(np.zeros(6), problem) % lengths >= lengths - 2

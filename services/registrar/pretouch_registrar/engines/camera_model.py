@@ -43,7 +43,7 @@ _LAYER = 0.004
 """m: points of a cell this far below its highest one belong to the same surface."""
 _MOST_POINTS = 5000
 """Of the cloud that is looked at for roundness."""
-_CONE = 8
+_CONE = 11
 """Cells about a cell that a ray may cross before it meets the surface."""
 
 

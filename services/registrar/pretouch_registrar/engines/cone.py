@@ -16,9 +16,9 @@ import numpy as np
 
 from pretouch.geometry import Array
 
-_RINGS = ((0.0, 1), (0.55, 5), (1.1, 7))
-"""Radius, in half angles, and rays of each ring."""
-_WIDTHS = (0.7, 1.1)
+_RINGS = ((0.0, 1), (0.8, 5), (1.7, 7))
+"""Radius, in half angles, and rays of each ring. The response's tail counts: what stands nearer there outweighs it."""
+_WIDTHS = (0.6, 1.2)
 """Half angles at which the response is a half."""
 _NEAREST = 0.0, 32.0, 64.0, 128.0, 256.0
 """1 / L, 1/m: each but the first two twice the one before, so that their exponentials are squares."""
