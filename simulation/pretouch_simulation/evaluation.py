@@ -170,7 +170,7 @@ def warm_up(protocols: Sequence[Protocol]) -> None:
     case, registrar = make_case("warm-up", box(), 0), Registrar()
     for protocol in protocols:
         with suppress(PretouchError):  # a proposer that is not ready is said of every run
-            asyncio.run(_session(case, replace(protocol, scans=1), registrar))
+            asyncio.run(session(case, replace(protocol, scans=1), registrar))
 
 
 def finger_of(case: Case, protocol: Protocol) -> Finger:
@@ -201,26 +201,35 @@ def steps_of(case: Case, protocol: Protocol, upto: int) -> list[Step]:
     """The session on `case` that the protocol's rows are made of, after each of its first `upto` scans at most."""
     registrar = Registrar()
     led = replace(protocol, engine=protocol.leader or protocol.engine)
-    steps = asyncio.run(_session(case, led, registrar, upto))
+    steps = asyncio.run(session(case, led, registrar, upto))
     return [_rematched(step, protocol, registrar) for step in steps]
 
 
 def _steps(case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar) -> list[Step]:
     """The protocol's session on `case`; `led` keeps the leader's ones, by sensor."""
     if protocol.leader is None:
-        return asyncio.run(_session(case, protocol, registrar))
+        return asyncio.run(session(case, protocol, registrar))
     if protocol.sensor not in led:
-        led[protocol.sensor] = asyncio.run(_session(case, replace(protocol, engine=protocol.leader), registrar))
+        led[protocol.sensor] = asyncio.run(session(case, replace(protocol, engine=protocol.leader), registrar))
     return [_rematched(step, protocol, registrar) for step in led[protocol.sensor]]
 
 
-async def _session(case: Case, protocol: Protocol, registrar: Registrar, upto: int | None = None) -> list[Step]:
+async def session(
+    case: Case, protocol: Protocol, registrar: Registrar, upto: int | None = None, finger: Finger | None = None
+) -> list[Step]:
+    """A session on `case` after each of its first `upto` scans at most, by `finger` instead of the protocol's own.
+
+    Raises:
+        PretouchError: the services refuse it.
+    """
     loop = loop_of(protocol, registrar)
+    finger = finger or finger_of(case, protocol)
+    request = replace(request_of(case, protocol), sensor=finger.sensor)
     most = protocol.scans if upto is None else min(upto, protocol.scans)
     started = time.perf_counter()
-    record = await loop.open(f"{case.name}-{case.view}", 0.0, request_of(case, protocol), case.depth, case.mask)
+    record = await loop.open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
     opening = time.perf_counter() - started
-    finger, steps = finger_of(case, protocol), list[Step]()
+    steps = list[Step]()
     while record.next_scan is not None and len(steps) < most:
         plan = record.next_scan
         rng = generator("finger", protocol.seed, case.name, case.view, len(steps))

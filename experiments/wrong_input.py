@@ -1,0 +1,244 @@
+"""What sessions say whose client describes the finger wrongly, or whose mask or depth image is wrong.
+
+    python experiments/wrong_input.py [--meshes DIR] [--limit 20] [--seed 0] [--camera random] [--out docs/results]
+
+Writes wrong-input.md. DIR is data/meshes/train of PRETOUCH_SHARED unless given; its side for reporting. A session has
+the default budget and tolerance; the tip is planned low, so that the finger sees something.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import shlex
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from collecting import RESULTS, SHARED
+from numpy.typing import NDArray
+from pretouch_registrar.engines import Engine
+from pretouch_registrar.registration import Registrar
+from pretouch_simulation.depth_cameras import CameraModel
+from pretouch_simulation.depth_cameras.fields import smooth_field
+from pretouch_simulation.evaluation import Protocol, finger_of, of_frames, session
+from pretouch_simulation.evaluation_honesty import SURE, WRONG
+from pretouch_simulation.finger import Finger, FingerModel
+from pretouch_simulation.fingers.faults import one_stuck
+from pretouch_simulation.mesh import load_mesh
+from pretouch_simulation.mesh_folder import meshes_in
+from pretouch_simulation.protocol import Case, generator, make_case
+from pretouch_simulation.split import Split
+from pretouch_simulation.tip_height import TipHeight
+from rich.progress import track
+from scipy import ndimage
+
+from pretouch.camera import DepthImage
+from pretouch.errors import TYPE_PREFIX, PretouchError, wire_of
+from pretouch.geometry import Array, Pose
+from pretouch.session import Planner, Proposer, Tolerance
+from pretouch.tof import Sensor
+
+Image = Callable[[Case], Case]
+Hand = Callable[[Finger], Finger]
+
+
+class Mistake(NamedTuple):
+    """What is wrong in a session with fingertip `model`."""
+
+    name: str
+    model: FingerModel = FingerModel.IDEAL
+    hand: Hand = lambda finger: finger
+    image: Image = lambda case: case
+
+
+@dataclass(frozen=True)
+class Misdescribed:
+    """A `Finger` that states another sensor than it is."""
+
+    finger: Finger
+    sensor: Sensor
+
+    def measure(self, world: object, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
+        """See `Finger.measure`."""
+        return self.finger.measure(world, base_T_module, rng)
+
+
+def misdescribed(std: float = 1.0, cone: float = 1.0) -> Hand:
+    """States the standard deviation and the half angle times these factors."""
+
+    def stated(finger: Finger) -> Finger:
+        sensor = finger.sensor
+        return Misdescribed(
+            finger,
+            replace(sensor, range_std=std * sensor.range_std, beam_half_angle=cone * sensor.beam_half_angle),
+        )
+
+    return stated
+
+
+def bleeding(pixels: int) -> Image:
+    """The mask reaches so many pixels too far."""
+    return lambda case: replace(case, mask=ndimage.binary_dilation(case.mask, iterations=pixels))
+
+
+def shifted(pixels: int) -> Image:
+    """The mask lies so many pixels to the right."""
+    return lambda case: replace(case, mask=ndimage.shift(case.mask, (0, pixels), order=0))
+
+
+def half_missing(case: Case) -> Case:
+    """No depth on the left half of the object."""
+    left = case.scored & (np.indices(case.mask.shape)[1] < np.median(np.nonzero(case.scored)[1]))
+    return with_depth(case, np.where(left, 0.0, case.depth.metres))
+
+
+def only_the_object(case: Case) -> Case:
+    """No depth but on the object."""
+    return with_depth(case, np.where(case.scored, case.depth.metres, 0.0))
+
+
+def glass(share: float) -> Image:
+    """The table is seen through about `share` of the object, in spots."""
+
+    def seen_through(case: Case) -> Case:
+        rng = generator("glass", case.name, case.view)
+        base_T_camera = case.truth @ case.base_T_camera
+        v, u = np.indices(case.mask.shape)
+        rays = np.stack(
+            [(u - case.camera.cx) / case.camera.fx, (v - case.camera.cy) / case.camera.fy, np.ones(v.shape)], -1
+        )
+        table = case.world.table
+        down = rays @ (base_T_camera.rotation.T @ table.normal)
+        behind = (table.offset - table.normal @ base_T_camera.translation) / down
+        field = smooth_field(rng, case.mask.shape, 6.0)
+        through = case.scored & (field < np.quantile(field[case.scored], share))
+        return with_depth(case, np.where(through, behind, case.depth.metres))
+
+    return seen_through
+
+
+def with_depth(case: Case, metres: Array) -> Case:
+    """The case with another image (h, w), m; the mask stays where there is a depth, as a client's does."""
+    return replace(case, depth=DepthImage(metres), mask=case.mask & (metres > 0))
+
+
+IDEAL, CONE = FingerModel.IDEAL, FingerModel.CONE
+MISTAKES = (
+    Mistake("nothing, `ideal`"),
+    Mistake("range_std stated a third", hand=misdescribed(std=1 / 3)),
+    Mistake("range_std stated threefold", hand=misdescribed(std=3.0)),
+    Mistake("one of six modules stuck", hand=one_stuck),
+    Mistake("mask bleeds 3 px", image=bleeding(3)),
+    Mistake("mask bleeds 5 px", image=bleeding(5)),
+    Mistake("mask bleeds 8 px", image=bleeding(8)),
+    Mistake("mask 8 px off", image=shifted(8)),
+    Mistake("half of the object without depth", image=half_missing),
+    Mistake("table seen through a half", image=glass(0.5)),
+    Mistake("table seen through all", image=glass(1.0)),
+    Mistake("depth on the object only", image=only_the_object),
+    Mistake("nothing, `cone`", CONE),
+    Mistake("half angle stated a half", CONE, misdescribed(cone=0.5)),
+    Mistake("half angle stated double", CONE, misdescribed(cone=2.0)),
+    Mistake("cone described as a thin beam", CONE, misdescribed(cone=0.0)),
+    Mistake("range_std of the cone stated a third", CONE, misdescribed(std=1 / 3)),
+)
+
+
+class Ending(NamedTuple):
+    """Of a session: the error before and at the end, m, whether its 95 % region holds the truth, and what it said."""
+
+    initial: float
+    error: float
+    expected: float
+    covered: bool
+    said: str
+
+
+def ending(case: Case, mistake: Mistake, protocol: Protocol, registrar: Registrar) -> Ending | str:
+    """How the session ends; the error's title where there is none."""
+    protocol = replace(protocol, sensor=mistake.model)
+    finger = mistake.hand(finger_of(case, protocol))
+    initial = case.error(Pose.identity())
+    try:
+        steps = asyncio.run(session(mistake.image(case), protocol, registrar, finger=finger))
+    except PretouchError as error:
+        return wire_of(error).title
+    if not steps:
+        return "nothing to scan"
+    record = steps[-1].record
+    reason = (record.reason or {}).get("type", "").removeprefix(TYPE_PREFIX)
+    estimate = record.estimate
+    error = case.error(estimate.base_T_correction)
+    return Ending(initial, error, estimate.expected_error, case.covered(estimate), reason or record.state.value)
+
+
+def text(command: str, camera: str, rows: dict[str, list[Ending | str]], tolerance: float) -> str:
+    """The page."""
+    n = len(next(iter(rows.values())))
+    lines = [
+        "# Wrongly described fingers, wrong masks and images\n",
+        f"Made by `{command}`: {n} meshes of the validation side, one view each by camera `{camera}`, sessions with "
+        f"the default budget and tolerance, proposer `random`, the tip planned low. Errors in cm; *wrong and sure*: above "
+        f"{100 * WRONG:g} with less than {100 * SURE:g} stated; *converged wrong*: said to be within "
+        f"{1000 * tolerance:g} mm and not within it and 2 mm.\n",
+        "| what is wrong | sessions | before | final | median | stated | truth in 95 % | wrong and sure | converged | "
+        "converged wrong | ends |",
+        "|" + " --- |" * 11,
+    ]
+    for name, outcomes in rows.items():
+        held = [one for one in outcomes if isinstance(one, Ending)]
+        ends = Counter(one.said if isinstance(one, Ending) else f"refused: {one}" for one in outcomes)
+        cells: list[object] = [name, len(held)]
+        if held:
+            error, expected = (
+                100 * np.array(column) for column in ([e.error for e in held], [e.expected for e in held])
+            )
+            said = np.array([one.said == "converged" for one in held])
+            cells += [
+                f"{100 * np.mean([one.initial for one in held]):.2f}",
+                f"{error.mean():.2f}",
+                f"{np.median(error):.2f}",
+                f"{expected.mean():.2f}",
+                f"{np.mean([one.covered for one in held]):.0%}",
+                int(((error > 100 * WRONG) & (expected < 100 * SURE)).sum()),
+                int(said.sum()),
+                int((said & (error > 100 * tolerance + 0.2)).sum()),
+            ]
+        else:
+            cells += ["-"] * 8
+        cells.append(", ".join(f"{end} {count}" for end, count in ends.most_common()))
+        lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--meshes", type=Path, default=SHARED / "data" / "meshes" / "train")
+    parser.add_argument("--limit", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--camera", type=CameraModel, choices=list(CameraModel), default=CameraModel.RANDOM)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    given = parser.parse_args(arguments)
+    protocol = of_frames(
+        Protocol(10, Proposer.RANDOM, Engine.POSTERIOR, Planner.INFORMATION, IDEAL, given.seed, tip=TipHeight.LOW), None
+    )
+    paths = meshes_in(given.meshes, limit=given.limit, split=Split.VALIDATION)
+    registrar = Registrar()
+    rows: dict[str, list[Ending | str]] = {mistake.name: [] for mistake in MISTAKES}
+    for path in track(paths, "Sessions"):
+        case = make_case(path.stem, load_mesh(path), 0, given.seed, given.camera)
+        for mistake in MISTAKES:
+            rows[mistake.name].append(ending(case, mistake, protocol, registrar))
+    command = f"python experiments/wrong_input.py {shlex.join(sys.argv[1:] if arguments is None else arguments)}"
+    page = text(command.strip(), given.camera.value, rows, Tolerance().error)
+    (given.out / "wrong-input.md").write_text(page)
+
+
+if __name__ == "__main__":
+    main()
