@@ -183,8 +183,8 @@ def text(command: str, camera: str, rows: dict[str, list[Ending | str]], toleran
     lines = [
         "# Wrongly described fingers, wrong masks and images\n",
         f"Made by `{command}`: {n} meshes of the validation side, one view each by camera `{camera}`, sessions with "
-        f"the default budget and tolerance, proposer `random`, the tip planned low. Errors in cm; *wrong and sure*: above "
-        f"{100 * WRONG:g} with less than {100 * SURE:g} stated; *converged wrong*: said to be within "
+        "the default budget and tolerance, proposer `random`, the tip planned low. Errors in cm; *wrong and sure*: "
+        f"above {100 * WRONG:g} with less than {100 * SURE:g} stated; *converged wrong*: said to be within "
         f"{1000 * tolerance:g} mm and not within it and 2 mm.\n",
         "| what is wrong | sessions | before | final | median | stated | truth in 95 % | wrong and sure | converged | "
         "converged wrong | ends |",
