@@ -113,7 +113,7 @@ class Registrar:
         if settings.engine is Engine.POSTERIOR and not problem.wide:
             supposed = replace(settings.sensor, beam_half_angle=SUPPOSED_HALF_ANGLE)
             wide = pose_problem(model, scans, settings.prior, supposed)
-            if measures_wide(solution.x, problem, wide):
+            if measures_wide(solution.x, problem, wide, self._resources):
                 problem, solution = wide, SOLVERS[settings.engine](wide, model, self._resources)
         fit = p_value(judged(solution.x, problem), problem, [len(scan) for scan in scans])
         return problem, _doubted(replace(solution, fit=fit), settings.prior)

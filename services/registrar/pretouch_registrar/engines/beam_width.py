@@ -12,6 +12,7 @@ import numpy as np
 from pretouch.geometry import Array
 from pretouch_registrar.engines.objective import energy_of, supposing_likeliest
 from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.solvers.levenberg_marquardt import refine
 
 SUPPOSED_HALF_ANGLE = float(np.radians(12.5))
@@ -26,7 +27,7 @@ meshes after 1, 2 and 3 scans it names 11, 11 and 7 % of the fingers that are th
 wide beam's answer is the same but less sure; and 68, 64 and 89 % of the fingers `cone`."""
 
 
-def measures_wide(x: Array, thin: Problem, wide: Problem) -> bool:
+def measures_wide(x: Array, thin: Problem, wide: Problem, resources: Resources) -> bool:
     """Whether `wide`, the same scans as a wide beam's, explains the samples better than `thin` does about x (6,)."""
     wide = wide.pooled().thinned(_BEAMS)
     thin = thin._replace(beams=wide.beams, temperature=wide.temperature)
@@ -35,7 +36,7 @@ def measures_wide(x: Array, thin: Problem, wide: Problem) -> bool:
         return False
     lower = x - np.concatenate([np.zeros(3), _BIAS * thin.target.table.normal])
     as_thin = min(energy_of(x, thin), energy_of(refine(x, thin), thin))
-    as_wide = min(_refined_energy(start, wide) for start in (x, lower))
+    as_wide = min(resources.map(lambda start: _refined_energy(start, wide), (x, lower)))
     ratio = as_thin - as_wide - returns * np.log(wide.noise.surface / thin.noise.surface)
     return bool(ratio > _EVIDENCE * returns)
 
