@@ -150,7 +150,7 @@ def test_a_range_within_the_interval_of_what_is_hidden_costs_only_the_hidden_par
     def residual(measured: float) -> float:
         return float(spot_residual(0, True, measured, True, 0.1, problem.noise, spot)[0])
 
-    assert residual(0.5 * (nearest + farthest)) == 0
+    assert residual(0.7 * nearest + 0.3 * farthest) == 0
     assert residual(farthest) == 0
     assert residual(farthest + 0.01) > 0
     assert residual(nearest - 0.01) != 0

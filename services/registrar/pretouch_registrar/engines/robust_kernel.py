@@ -10,8 +10,10 @@ from numba import njit
 
 CAP_FRONT = 3.5
 """Cap of what contradicts the camera's view: it would have seen it."""
-CAP_BEHIND = 1.8
-"""Cap of what may be a hidden side: behind a seen surface, but not below it."""
+CAP_BEHIND = 2.3
+"""Cap of what may be a hidden side: behind a seen surface, but not below it. The smaller it is, the more an answer
+gains that carries all samples to where the camera saw nothing: at 1.8 such answers outweighed the truth for mugs in
+real frames (0000_000001, _000003, _000005; mean error after three scans 0.64 cm, at 2.3 0.49, at 2.8 0.54; n = 27)."""
 HIDDEN_TABLE = 1.5
 """Cost of a return that is explained by the table within the object's hull, where the camera did not see the table:
 less than that of an unknown hidden side, but no reward. Without it an answer that carries the inside of a cup down onto
