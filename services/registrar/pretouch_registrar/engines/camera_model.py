@@ -128,7 +128,7 @@ class CameraModel:
 
 
 def build(scene: Scene) -> CameraModel:
-    """The model of one scene; about 20 ms for a scene cropped around its object."""
+    """The model of one scene; about 60 ms for a scene cropped around its object."""
     metres = np.ascontiguousarray(scene.depth.metres, dtype=np.float64)
     noise = camera_noise(scene)
     camera, mask = scene.camera, scene.mask
