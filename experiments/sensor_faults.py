@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from collecting import RESULTS, SHARED
-from pretouch_orchestrator.sensor_check import judge
+from pretouch_orchestrator.perception.sensor_check import judge
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.evaluation import Protocol, finger_of, loop_of, request_of

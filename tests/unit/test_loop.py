@@ -19,8 +19,8 @@ from loop_fakes import (
     opened,
     samples_of,
 )
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
 
 from pretouch.errors import Conflict, Internal, InvalidInput, NotFound, Unavailable
 from pretouch.estimate import Prior, point_error

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 from loop_fakes import FormulaRegistrar, RandomDetector, answer, asked, misses, opened, samples_of
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
 
 from pretouch.session import Budget, Skipped, State, Tolerance
 

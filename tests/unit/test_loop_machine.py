@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from loop_fakes import FormulaRegistrar, RandomDetector, answer, asked, misses, opened, samples_of
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
 
 from pretouch.errors import Conflict, InvalidInput, NotFound
 from pretouch.exhaustion import Exhaustion

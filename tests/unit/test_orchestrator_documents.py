@@ -10,9 +10,9 @@ import box_view
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pretouch_orchestrator import rest_models as documents
-from pretouch_orchestrator.bodies import json_from_bytes
-from pretouch_orchestrator.rest import rest_app
+from pretouch_orchestrator.rest import models as documents
+from pretouch_orchestrator.rest.app import rest_app
+from pretouch_orchestrator.rest.bodies import json_from_bytes
 from pydantic import TypeAdapter
 from records import a_record, after_a_scan
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pretouch_orchestrator.record import Record
-from pretouch_orchestrator.sessions import Sessions
-from pretouch_orchestrator.sqlite import SqliteStore, open_store
+from pretouch_orchestrator.sessions.manager import Sessions
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store.sqlite import SqliteStore, open_store
 from records import a_record
 
 from pretouch.serving import Kit, Settings

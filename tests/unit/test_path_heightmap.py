@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_orchestrator.heightmap import HeightMap, height_map
-from pretouch_orchestrator.shadow import shadow_ceiling
+from pretouch_orchestrator.perception.heightmap import HeightMap, height_map
+from pretouch_orchestrator.perception.shadow import shadow_ceiling
 from scenes import KINECT, Box, View, World, looking
 from scipy import ndimage
 

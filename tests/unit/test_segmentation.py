@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
-from pretouch_orchestrator.segmentation import find_object
+from pretouch_orchestrator.perception.segmentation import find_object
 from scenes import KINECT, Box, View, World, looking
 
 from pretouch.camera import Camera, DepthImage

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pretouch_orchestrator.sensor_check import Fault, Verdict, judge, told, without
+from pretouch_orchestrator.perception.sensor_check import Fault, Verdict, judge, told, without
 from scenes import Box, World
 
 from pretouch.estimate import Estimate, Prior, from_prior

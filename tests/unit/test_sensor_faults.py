@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.record import Record
-from pretouch_orchestrator.sensor_check import Fault, judge
-from pretouch_orchestrator.sqlite import open_store
+from pretouch_orchestrator.perception.sensor_check import Fault, judge
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store.sqlite import open_store
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.finger import Finger, FingerModel, realise

@@ -1,7 +1,7 @@
 """What a depth camera makes up in mid-air is not believed; what stands on something is."""
 
 import numpy as np
-from pretouch_orchestrator.clusters import specks
+from pretouch_orchestrator.perception.clusters import specks
 
 FOCAL = 500.0
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pretouch_orchestrator.sqlite import FILE_NAME, SqliteStore, migrations, open_store
-from pretouch_orchestrator.store import Event, KeyedRequest, NewEvent
+from pretouch_orchestrator.store.protocol import Event, KeyedRequest, NewEvent
+from pretouch_orchestrator.store.sqlite import FILE_NAME, SqliteStore, migrations, open_store
 from records import a_record, after_a_scan
 
 from pretouch.errors import NotFound, Unavailable

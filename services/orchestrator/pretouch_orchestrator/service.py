@@ -13,15 +13,15 @@ from pretouch.channel import open_channel
 from pretouch.errors import PretouchError, Unavailable
 from pretouch.serving import Kit
 from pretouch.v1.orchestrator_pb2_grpc import add_OrchestratorServiceServicer_to_server
-from pretouch_orchestrator.grpc import SERVICE, OrchestratorServicer
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.rest import rest_app
-from pretouch_orchestrator.rest_server import rest_serving
-from pretouch_orchestrator.services import GrpcDetector, GrpcGateway, GrpcRegistrar, Scenes
-from pretouch_orchestrator.sessions import Sessions
+from pretouch_orchestrator.rest.app import rest_app
+from pretouch_orchestrator.rest.server import rest_serving
+from pretouch_orchestrator.servicer import SERVICE, OrchestratorServicer
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.manager import Sessions
 from pretouch_orchestrator.settings import OrchestratorSettings
-from pretouch_orchestrator.sqlite import SqliteStore, open_store
-from pretouch_orchestrator.upstream import Upstream
+from pretouch_orchestrator.store.sqlite import SqliteStore, open_store
+from pretouch_orchestrator.upstream.clients import GrpcDetector, GrpcGateway, GrpcRegistrar, Scenes
+from pretouch_orchestrator.upstream.connection import Upstream
 
 
 @asynccontextmanager

@@ -10,7 +10,7 @@ from weakref import WeakValueDictionary
 
 from pretouch.session import Session
 from pretouch.wire.json import estimate_to_json, session_to_json
-from pretouch_orchestrator.store import Event, NewEvent, Store
+from pretouch_orchestrator.store.protocol import Event, NewEvent, Store
 
 
 def events_between(before: Session | None, after: Session) -> list[NewEvent]:

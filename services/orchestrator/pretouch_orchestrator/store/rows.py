@@ -12,7 +12,7 @@ from pretouch.session import Session
 from pretouch.tof import Scan
 from pretouch.v1 import common_pb2, orchestrator_pb2
 from pretouch.wire import common, session
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.record import Record
 
 _NO_DEPTH = np.zeros((0, 0), np.float32)
 

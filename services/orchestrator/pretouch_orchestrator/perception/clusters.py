@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pretouch_orchestrator.table import depth_std
+from pretouch_orchestrator.perception.table import depth_std
 
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 _MIN_SUPPORT = 3

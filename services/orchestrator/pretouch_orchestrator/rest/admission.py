@@ -9,7 +9,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pretouch.errors import Unauthenticated
 from pretouch.serving import Kit
-from pretouch_orchestrator.problems import problem_response
+from pretouch_orchestrator.rest.problems import problem_response
 
 OPEN_PATHS = ("/healthz", "/readyz")
 """Paths that need no token."""

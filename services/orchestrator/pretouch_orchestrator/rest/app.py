@@ -18,14 +18,14 @@ from pretouch.errors import Conflict, InvalidInput, Malformed
 from pretouch.serving import Kit
 from pretouch.session import SessionRequest, Submission
 from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
-from pretouch_orchestrator import rest_models as documents
-from pretouch_orchestrator import rest_openapi as openapi
-from pretouch_orchestrator.admission import Admission
-from pretouch_orchestrator.bodies import json_from_bytes, read_json, read_parts
-from pretouch_orchestrator.body_limit import BodyLimit
-from pretouch_orchestrator.docs_page import docs_page
-from pretouch_orchestrator.problems import answer_errors_as_problems
-from pretouch_orchestrator.sessions import DEFAULT_PAGE, LARGEST_PAGE, LONGEST_KEY, Sessions
+from pretouch_orchestrator.rest import models as documents
+from pretouch_orchestrator.rest import openapi
+from pretouch_orchestrator.rest.admission import Admission
+from pretouch_orchestrator.rest.bodies import json_from_bytes, read_json, read_parts
+from pretouch_orchestrator.rest.body_limit import BodyLimit
+from pretouch_orchestrator.rest.docs_page import docs_page
+from pretouch_orchestrator.rest.problems import answer_errors_as_problems
+from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, LARGEST_PAGE, LONGEST_KEY, Sessions
 
 HEARTBEAT = 15.0
 """s of silence on a stream of events before a comment."""

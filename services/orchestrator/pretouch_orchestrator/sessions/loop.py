@@ -17,15 +17,14 @@ from pretouch.scene import Scene
 from pretouch.session import Points, Region, ScanPlan, SessionRequest, Skipped, State
 from pretouch.tof import RangeSamples, Scan
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.budget import affordable, limit_of
-from pretouch_orchestrator.clusters import specks
-from pretouch_orchestrator.endings import ended, exhausted, has_converged
-from pretouch_orchestrator.envelope import SAFE, Margins
-from pretouch_orchestrator.path import plan_paths
-from pretouch_orchestrator.ports import Detector, Registrar
-from pretouch_orchestrator.record import Record
-from pretouch_orchestrator.segmentation import find_object
-from pretouch_orchestrator.transitions import (
+from pretouch_orchestrator.perception.clusters import specks
+from pretouch_orchestrator.perception.segmentation import find_object
+from pretouch_orchestrator.planning.envelope import SAFE, Margins
+from pretouch_orchestrator.planning.path import plan_paths
+from pretouch_orchestrator.sessions.budget import affordable, limit_of
+from pretouch_orchestrator.sessions.endings import ended, exhausted, has_converged
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.sessions.transitions import (
     awaited,
     checked,
     measured,
@@ -34,6 +33,7 @@ from pretouch_orchestrator.transitions import (
     planned,
     used,
 )
+from pretouch_orchestrator.upstream.interfaces import Detector, Registrar
 
 _MARGIN = 0.08
 """m around the object that the services get to see, besides three standard deviations of the prior."""

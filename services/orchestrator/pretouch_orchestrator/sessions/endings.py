@@ -8,7 +8,7 @@ from typing import Any
 from pretouch.estimate import Estimate, point_error
 from pretouch.exhaustion import Exhaustion, exhaustion_problem
 from pretouch.session import State
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.record import Record
 
 LEAST_FIT = 0.01
 """p-value below which the samples are not explained by the answer: one honest session in a hundred is doubted."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from pretouch.exhaustion import Exhaustion
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.coverage import Foresight
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.planning.coverage import Foresight
+from pretouch_orchestrator.sessions.record import Record
 
 _MISJUDGED = 0.2
 """Share of a foreseen scan by which the real one may touch more of the object."""

@@ -16,8 +16,8 @@ from pretouch.v1 import common_pb2, detector_pb2, detector_pb2_grpc, registrar_p
 from pretouch.v1 import sensor_gateway_pb2 as gateway_pb2
 from pretouch.v1 import sensor_gateway_pb2_grpc as gateway_pb2_grpc
 from pretouch.wire import common
-from pretouch_orchestrator.ports import ProposedRegion
-from pretouch_orchestrator.upstream import Upstream
+from pretouch_orchestrator.upstream.connection import Upstream
+from pretouch_orchestrator.upstream.interfaces import ProposedRegion
 
 _QUICK, _LONG = 10.0, 30.0
 """s: deadlines of a look-up and of a computation."""
@@ -47,7 +47,7 @@ class GrpcDetector:
     async def propose(
         self, scene: Scene, proposer: Proposer | None, sensor: Sensor, seed: int
     ) -> tuple[Proposer, list[ProposedRegion]]:
-        """See `ports.Detector`.
+        """See `interfaces.Detector`.
 
         Raises:
             Unavailable: `proposer` is not ready; the detail names those that are.
@@ -88,7 +88,7 @@ class GrpcRegistrar:
         self._scenes = scenes
 
     async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
-        """See `ports.Registrar`."""
+        """See `interfaces.Registrar`."""
         request = registrar_pb2.RegisterRequest(
             scene=self._scenes.packed(scene),
             scans=[common.scan_to_proto(scan) for scan in scans],
@@ -100,7 +100,7 @@ class GrpcRegistrar:
     async def predict(
         self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
     ) -> list[float]:
-        """See `ports.Registrar`."""
+        """See `interfaces.Registrar`."""
         request = registrar_pb2.PredictScansRequest(
             scene=self._scenes.packed(scene),
             scans=[common.scan_to_proto(scan) for scan in scans],
@@ -133,7 +133,7 @@ class GrpcGateway:
         self._stub: Any = gateway_pb2_grpc.SensorGatewayServiceStub(upstream.channel)
 
     async def samples(self, span: GatewaySpan) -> RangeSamples:
-        """See `ports.Gateway`."""
+        """See `interfaces.Gateway`."""
         # "from" is a Python keyword, so the fields go in by name.
         fields: dict[str, Any] = {"device": span.device, "from": span.start, "to": span.end}
         answer = await self._upstream.call(self._stub.GetSamples, gateway_pb2.GetSamplesRequest(**fields), _QUICK)

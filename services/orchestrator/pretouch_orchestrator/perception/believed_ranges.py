@@ -11,8 +11,8 @@ from scipy import ndimage
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Pose, rotation_from_vector
 from pretouch.scene import Scene
-from pretouch_orchestrator.envelope import table_covariance
-from pretouch_orchestrator.heightmap import height_map
+from pretouch_orchestrator.perception.heightmap import height_map
+from pretouch_orchestrator.perception.table import table_covariance
 
 _REACH = 0.05
 """m around the object that is looked at: where paths go, and how far off what is there may be."""

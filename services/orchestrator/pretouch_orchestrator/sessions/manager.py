@@ -21,11 +21,11 @@ from pretouch.serving import Kit
 from pretouch.session import GatewaySpan, Session, SessionRequest, Submission
 from pretouch.tof import RangeSamples
 from pretouch.wire.session import request_to_proto
-from pretouch_orchestrator.events import Broker, events_between
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.ports import Gateway
-from pretouch_orchestrator.record import Record
-from pretouch_orchestrator.store import Event, KeyedRequest, Store
+from pretouch_orchestrator.sessions.events import Broker, events_between
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store.protocol import Event, KeyedRequest, Store
+from pretouch_orchestrator.upstream.interfaces import Gateway
 
 DEFAULT_PAGE, LARGEST_PAGE = 50, 200
 LONGEST_KEY = 255

@@ -11,11 +11,11 @@ from pretouch.exhaustion import Exhaustion
 from pretouch.session import Points, Region, ScanPlan, ScanSummary
 from pretouch.tof import RangeSamples, Scan
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.coverage import scanned
-from pretouch_orchestrator.endings import exhausted
-from pretouch_orchestrator.planner import Candidate, choose
-from pretouch_orchestrator.record import Record
-from pretouch_orchestrator.sensor_check import judge, told, without
+from pretouch_orchestrator.perception.sensor_check import judge, told, without
+from pretouch_orchestrator.planning.coverage import scanned
+from pretouch_orchestrator.planning.planner import Candidate, choose
+from pretouch_orchestrator.sessions.endings import exhausted
+from pretouch_orchestrator.sessions.record import Record
 
 
 def awaited(record: Record, scan_id: str) -> ScanPlan:

@@ -11,10 +11,10 @@ from pydantic.json_schema import models_json_schema
 
 from pretouch import __version__
 from pretouch.errors import WIRE
-from pretouch_orchestrator import rest_models as documents
-from pretouch_orchestrator.admission import OPEN_PATHS
-from pretouch_orchestrator.bodies import PARTS
-from pretouch_orchestrator.problems import PROBLEM_TYPE
+from pretouch_orchestrator.rest import models as documents
+from pretouch_orchestrator.rest.admission import OPEN_PATHS
+from pretouch_orchestrator.rest.bodies import PARTS
+from pretouch_orchestrator.rest.problems import PROBLEM_TYPE
 
 _REFERENCE = "#/components/schemas/{model}"
 _SENT = (documents.SessionRequest,)

@@ -1,11 +1,12 @@
-"""The table, found in a depth image when the client does not give it."""
+"""The table: found in a depth image when the client does not give it, and the frame that it defines."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pretouch.geometry import Array, Plane
+from pretouch.estimate import Estimate
+from pretouch.geometry import Array, Plane, Pose
 
 _HYPOTHESES = 600
 _VOTERS = 2500
@@ -25,6 +26,13 @@ def height_std(points: Array, normal: Array) -> Array:
     """m, (...,): what the axial noise of points (..., 3), camera frame, makes of their height along `normal`."""
     z = points[..., 2]
     return np.asarray(depth_std(z) * np.abs(points @ normal) / np.maximum(z, 1e-6) + 1e-4, dtype=np.float64)
+
+
+def table_covariance(base_T_table: Pose, estimate: Estimate) -> Array:
+    """The estimate's covariance 6x6 in the axes of the table as presently corrected; `base_T_table` before that."""
+    turn = (estimate.base_T_correction.rotation @ base_T_table.rotation).T
+    both = np.kron(np.eye(2), turn)
+    return np.asarray(both @ estimate.covariance @ both.T, dtype=np.float64)
 
 
 def fit_table(points: Array, below_weight: float) -> Plane | None:

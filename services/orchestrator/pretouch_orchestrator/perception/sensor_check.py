@@ -17,7 +17,7 @@ from pretouch.estimate import Estimate
 from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.tof import STATUS_OK, RangeSamples, Scan, Sensor
-from pretouch_orchestrator.believed_ranges import Surface
+from pretouch_orchestrator.perception.believed_ranges import Surface
 
 _ENOUGH = 20
 """Samples below which nothing is said: less than a second of most sensors."""

@@ -17,15 +17,15 @@ import aiosqlite
 
 from pretouch.errors import NotFound, Unavailable
 from pretouch.session import Session
-from pretouch_orchestrator.record import Record
-from pretouch_orchestrator.rows import (
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store.protocol import Event, KeyedRequest, NewEvent
+from pretouch_orchestrator.store.rows import (
     beams_column,
     changing_columns,
     fixed_columns,
     record_from_columns,
     session_from_view,
 )
-from pretouch_orchestrator.store import Event, KeyedRequest, NewEvent
 
 FILE_NAME = "sessions.sqlite"
 

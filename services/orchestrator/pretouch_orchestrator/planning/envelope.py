@@ -8,8 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from pretouch.estimate import Estimate
-from pretouch.geometry import Array, Pose
-from pretouch_orchestrator.heightmap import HeightMap
+from pretouch.geometry import Array
+from pretouch_orchestrator.perception.heightmap import HeightMap
+from pretouch_orchestrator.perception.table import table_covariance
 
 FINGER_RADIUS = 0.010
 """m around the beam that the finger takes up."""
@@ -36,13 +37,6 @@ class Margins:
 
 SAFE = Margins()
 """The tip comes closer than 5 mm in at most one scan of a thousand."""
-
-
-def table_covariance(base_T_table: Pose, estimate: Estimate) -> Array:
-    """The estimate's covariance 6x6 in the axes of the table as presently corrected; `base_T_table` before that."""
-    turn = (estimate.base_T_correction.rotation @ base_T_table.rotation).T
-    both = np.kron(np.eye(2), turn)
-    return np.asarray(both @ estimate.covariance @ both.T, dtype=np.float64)
 
 
 def vertical_std(covariance: Array, x: Array, y: Array) -> Array:

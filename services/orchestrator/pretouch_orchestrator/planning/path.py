@@ -14,8 +14,9 @@ from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import ScanSettings
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.envelope import SAFE, Margins, lateral_std, lowest_tip, reach_of, table_covariance
-from pretouch_orchestrator.heightmap import HeightMap, height_map
+from pretouch_orchestrator.perception.heightmap import HeightMap, height_map
+from pretouch_orchestrator.perception.table import table_covariance
+from pretouch_orchestrator.planning.envelope import SAFE, Margins, lateral_std, lowest_tip, reach_of
 
 _WORTHWHILE = 0.015
 """m from the object, over the ground, beyond which a path teaches little."""

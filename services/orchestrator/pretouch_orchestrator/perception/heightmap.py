@@ -10,8 +10,8 @@ from scipy import ndimage
 
 from pretouch.geometry import Array, Pose
 from pretouch.scene import Scene
-from pretouch_orchestrator.clusters import without_flying
-from pretouch_orchestrator.shadow import filled_holes, shadow_ceiling
+from pretouch_orchestrator.perception.clusters import without_flying
+from pretouch_orchestrator.perception.shadow import filled_holes, shadow_ceiling
 
 _CELL = 0.002
 _MAX_CELLS = 256

@@ -11,8 +11,8 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, Plane, Pose
 from pretouch.scene import MIN_OBJECT_PIXELS, Scene
-from pretouch_orchestrator.clusters import clusters, without_flying
-from pretouch_orchestrator.table import fit_table, height_std
+from pretouch_orchestrator.perception.clusters import clusters, without_flying
+from pretouch_orchestrator.perception.table import fit_table, height_std
 
 Pixels = NDArray[np.bool_]
 

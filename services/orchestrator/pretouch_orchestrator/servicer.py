@@ -14,7 +14,7 @@ from pretouch.session import Session
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1 import orchestrator_pb2_grpc
 from pretouch.wire.session import request_from_proto, session_to_proto, submission_from_proto
-from pretouch_orchestrator.sessions import DEFAULT_PAGE, Sessions
+from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, Sessions
 
 SERVICE = pb.DESCRIPTOR.services_by_name["OrchestratorService"].full_name
 

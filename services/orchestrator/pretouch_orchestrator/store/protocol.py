@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from pretouch.session import Session
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.record import Record
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from contextlib import suppress
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pretouch.errors import TooLarge
-from pretouch_orchestrator.bodies import MAX_BODY
+from pretouch_orchestrator.rest.bodies import MAX_BODY
 
 _LINGER_BYTES, _LINGER_SECONDS = 2 * MAX_BODY, 2.0
 """How much of a refused body is read and dropped before the connection is closed: a sender that is closed upon while it
