@@ -18,7 +18,7 @@ from records import a_record, after_a_scan
 
 from pretouch.errors import Malformed
 from pretouch.estimate import Prior
-from pretouch.serving import Kit, Settings
+from pretouch.serving import ServiceContext, Settings
 from pretouch.session import Budget, GatewaySpan, ScanSettings, Skipped, Tolerance
 from pretouch.tof import Sensor
 from pretouch.wire import json
@@ -66,9 +66,9 @@ def test_scans_as_sent_are_as_described() -> None:
 
 
 def test_the_description_refers_only_to_what_it_holds() -> None:
-    kit = Kit("orchestrator", Settings(token="t"))
-    document = rest_app(None, kit, None).openapi()  # type: ignore[arg-type]
-    kit.close()
+    context = ServiceContext("orchestrator", Settings(token="t"))
+    document = rest_app(None, context, None).openapi()  # type: ignore[arg-type]
+    context.close()
     referred = set(re.findall(r'"#/components/schemas/(\w+)"', text.dumps(document)))
     assert referred <= set(document["components"]["schemas"])
     assert {"Session", "SessionRequest", "Submission", "Problem"} <= referred

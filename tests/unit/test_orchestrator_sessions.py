@@ -14,7 +14,7 @@ from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.sqlite import SqliteStore, open_store
 from records import a_record
 
-from pretouch.serving import Kit, Settings
+from pretouch.serving import ServiceContext, Settings
 from pretouch.session import Skipped
 
 
@@ -51,8 +51,8 @@ async def store(tmp_path: Path) -> AsyncIterator[SlowToRead]:
 
 
 async def test_a_look_that_began_before_a_step_does_not_undo_it(store: SlowToRead) -> None:
-    kit = Kit("orchestrator", Settings())
-    sessions = Sessions(store, AnswersOnly(), None, kit)  # type: ignore[arg-type]
+    context = ServiceContext("orchestrator", Settings())
+    sessions = Sessions(store, AnswersOnly(), None, context)  # type: ignore[arg-type]
     look = asyncio.create_task(sessions.answered("one", "a"))
     await store.reading.wait()
     await sessions.submit("one", "a", Skipped())
@@ -61,4 +61,4 @@ async def test_a_look_that_began_before_a_step_does_not_undo_it(store: SlowToRea
     await asyncio.gather(sessions.submit("one", "b", Skipped()), sessions.submit("one", "c", Skipped()))
     assert set((await store.record("one")).answered) == {"a", "b", "c"}
     await sessions.close()
-    kit.close()
+    context.close()

@@ -11,7 +11,7 @@ import grpc.aio
 
 from pretouch.channel import open_channel
 from pretouch.errors import PretouchError, Unavailable
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch.v1.orchestrator_pb2_grpc import add_OrchestratorServiceServicer_to_server
 from pretouch_orchestrator.rest.app import rest_app
 from pretouch_orchestrator.rest.server import rest_serving
@@ -25,7 +25,7 @@ from pretouch_orchestrator.upstream.connection import Upstream
 
 
 @asynccontextmanager
-async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
+async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
     """Serves gRPC on `server` and REST beside it, with the settings of the environment.
 
     Raises:
@@ -37,8 +37,8 @@ async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str,
         store = await stack.enter_async_context(open_store(settings.state))
 
         async def upstream(name: str, address: str) -> Upstream:
-            cert, key = (kit.settings.tls_cert, kit.settings.tls_key) if settings.tls_ca else (None, None)
-            channel = open_channel(address, kit.settings.token, settings.tls_ca, cert, key)
+            cert, key = (context.settings.tls_cert, context.settings.tls_key) if settings.tls_ca else (None, None)
+            channel = open_channel(address, context.settings.token, settings.tls_ca, cert, key)
             return Upstream(name, address, await stack.enter_async_context(channel))
 
         detector = await upstream("detector", settings.detector)
@@ -50,12 +50,12 @@ async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str,
             gateway = GrpcGateway(upstreams[-1])
         scenes = Scenes()
         loop = Loop(GrpcDetector(detector, scenes), GrpcRegistrar(registrar, scenes))
-        sessions = Sessions(store, loop, gateway, kit)
+        sessions = Sessions(store, loop, gateway, context)
         stack.push_async_callback(sessions.close)
-        add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, kit), server)
-        app = rest_app(sessions, kit, _check_of(store, upstreams))
-        await stack.enter_async_context(rest_serving(app, settings, kit))
-        ending = asyncio.create_task(_end_streams_when_draining(sessions, kit))
+        add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
+        app = rest_app(sessions, context, _check_of(store, upstreams))
+        await stack.enter_async_context(rest_serving(app, settings, context))
+        ending = asyncio.create_task(_end_streams_when_draining(sessions, context))
         stack.callback(ending.cancel)
         yield (SERVICE,)
 
@@ -77,6 +77,6 @@ def _check_of(store: SqliteStore, upstreams: Sequence[Upstream]) -> Callable[[],
     return check
 
 
-async def _end_streams_when_draining(sessions: Sessions, kit: Kit) -> None:
-    await kit.draining.wait()
+async def _end_streams_when_draining(sessions: Sessions, context: ServiceContext) -> None:
+    await context.draining.wait()
     sessions.end_streams()

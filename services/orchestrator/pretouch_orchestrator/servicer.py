@@ -9,7 +9,7 @@ from contextlib import aclosing
 from typing import Any
 
 from pretouch.errors import InvalidInput
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch.session import Session
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1 import orchestrator_pb2_grpc
@@ -20,11 +20,11 @@ SERVICE = pb.DESCRIPTOR.services_by_name["OrchestratorService"].full_name
 
 
 class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
-    """See orchestrator.proto; errors are raised, and the serving kit puts them on the wire."""
+    """See orchestrator.proto; errors are raised, and `pretouch.serving` puts them on the wire."""
 
-    def __init__(self, sessions: Sessions, kit: Kit) -> None:
+    def __init__(self, sessions: Sessions, context: ServiceContext) -> None:
         self._sessions = sessions
-        self._kit = kit
+        self._context = context
 
     async def CreateSession(self, request: pb.CreateSessionRequest, context: Any) -> pb.CreateSessionResponse:
         return pb.CreateSessionResponse(session=session_to_proto(await self._create(request)))
@@ -54,7 +54,7 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         self, requests: AsyncIterator[pb.RunSessionRequest], context: Any
     ) -> AsyncIterator[pb.RunSessionResponse]:
         session: Session | None = None
-        async for request in _until(self._kit.draining, requests):
+        async for request in _until(self._context.draining, requests):
             session = await self._step(request, session)
             yield pb.RunSessionResponse(session=session_to_proto(session))
             if session.state.ended:
@@ -80,13 +80,13 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
                 )
 
     async def _create(self, request: pb.CreateSessionRequest) -> Session:
-        wanted, values, mask = await self._kit.cpu(request_from_proto, request)
+        wanted, values, mask = await self._context.run_in_thread(request_from_proto, request)
         return await self._sessions.create(wanted, values, mask, request.idempotency_key or None)
 
     async def _submit(self, session_id: str, request: pb.SubmitScanRequest) -> Session:
         session = await self._sessions.answered(session_id, request.scan_id)
         if session is None:
-            submission = await self._kit.cpu(submission_from_proto, request)
+            submission = await self._context.run_in_thread(submission_from_proto, request)
             session = await self._sessions.submit(session_id, request.scan_id, submission)
         return session
 

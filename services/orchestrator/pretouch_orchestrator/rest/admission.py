@@ -8,7 +8,7 @@ import time
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pretouch.errors import Unauthenticated
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch_orchestrator.rest.problems import problem_response
 
 OPEN_PATHS = ("/healthz", "/readyz")
@@ -20,12 +20,12 @@ _QUIET_PATHS = (*OPEN_PATHS, "/metrics")
 class Admission:
     """Lets a request through to `app` if it carries the token, and counts it."""
 
-    def __init__(self, app: ASGIApp, kit: Kit) -> None:
+    def __init__(self, app: ASGIApp, context: ServiceContext) -> None:
         self._app = app
-        self._token = None if kit.settings.token is None else f"Bearer {kit.settings.token}".encode()
-        self._log = kit.log
-        self._requests = kit.metrics.counter("http_requests", "REST requests that ended.", ("route", "status"))
-        self._seconds = kit.metrics.histogram("http_request_seconds", "Duration of REST requests.", ("route",))
+        self._token = None if context.settings.token is None else f"Bearer {context.settings.token}".encode()
+        self._log = context.log
+        self._requests = context.metrics.counter("http_requests", "REST requests that ended.", ("route", "status"))
+        self._seconds = context.metrics.histogram("http_request_seconds", "Duration of REST requests.", ("route",))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":

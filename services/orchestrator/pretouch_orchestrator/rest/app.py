@@ -15,7 +15,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from pretouch.camera import decode_depth, decode_png
 from pretouch.errors import Conflict, InvalidInput, Malformed
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch.session import SessionRequest, Submission
 from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
 from pretouch_orchestrator.rest import models as documents
@@ -35,20 +35,20 @@ _DESCRIPTION = (
 )
 
 
-def rest_app(sessions: Sessions, kit: Kit, check: Callable[[], Awaitable[None]]) -> FastAPI:
+def rest_app(sessions: Sessions, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> FastAPI:
     """The application; `check` raises `Unavailable` while the store or another service is not well."""
     app = FastAPI(title="pretouch", description=_DESCRIPTION, docs_url=None, redoc_url=None, redirect_slashes=False)
-    app.add_middleware(Admission, kit=kit)
+    app.add_middleware(Admission, context=context)
     app.add_middleware(BodyLimit)
-    answer_errors_as_problems(app, kit)
-    _add_session_routes(app, sessions, kit)
+    answer_errors_as_problems(app, context)
+    _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
-    _add_service_routes(app, kit, check)
-    openapi.describe(app, token=kit.settings.token is not None)
+    _add_service_routes(app, context, check)
+    openapi.describe(app, token=context.settings.token is not None)
     return app
 
 
-def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
+def _add_session_routes(app: FastAPI, sessions: Sessions, context: ServiceContext) -> None:
     @app.post(
         "/v1/sessions",
         status_code=201,
@@ -65,7 +65,7 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
 
         The same `Idempotency-Key` with the same request answers the session that the first call made.
         """
-        wanted, values, mask = await kit.cpu(_creation, await read_parts(request))
+        wanted, values, mask = await context.run_in_thread(_creation, await read_parts(request))
         session = await sessions.create(wanted, values, mask, idempotency_key or None)
         return JSONResponse(session_to_json(session), 201, {"Location": f"/v1/sessions/{session.id}"})
 
@@ -82,7 +82,7 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
     ) -> Response:
         """All sessions of this orchestrator, in pages."""
         page, following = await sessions.page(limit, cursor)
-        documents = await kit.cpu(lambda: [session_to_json(session) for session in page])
+        documents = await context.run_in_thread(lambda: [session_to_json(session) for session in page])
         return JSONResponse({"sessions": documents, "next": following or None})
 
     @app.get(
@@ -142,7 +142,7 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, kit: Kit) -> None:
         """What the finger measured along the planned path. The same scan again answers the present session."""
         session = await sessions.answered(session_id, scan_id)
         if session is None:
-            submission = await kit.cpu(_submission, await read_json(request))
+            submission = await context.run_in_thread(_submission, await read_json(request))
             session = await sessions.submit(session_id, scan_id, submission)
         return JSONResponse(session_to_json(session))
 
@@ -195,7 +195,7 @@ async def _stream(sessions: Sessions, session_id: str, after: int) -> AsyncItera
                 yield f"id: {event.id}\nevent: {event.type}\ndata: {json.dumps(event.data)}\n\n"
 
 
-def _add_service_routes(app: FastAPI, kit: Kit, check: Callable[[], Awaitable[None]]) -> None:
+def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> None:
     @app.get(
         "/healthz",
         summary="Is it alive?",
@@ -223,7 +223,7 @@ def _add_service_routes(app: FastAPI, kit: Kit, check: Callable[[], Awaitable[No
     )
     async def metrics() -> Response:
         """For Prometheus."""
-        return Response(generate_latest(kit.metrics.registry), media_type=CONTENT_TYPE_LATEST)
+        return Response(generate_latest(context.metrics.registry), media_type=CONTENT_TYPE_LATEST)
 
     @app.get(
         "/docs",

@@ -20,7 +20,7 @@ from pretouch.errors import (
     problem,
     wire_of,
 )
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 
 PROBLEM_TYPE = "application/problem+json"
 
@@ -33,12 +33,12 @@ def problem_response(error: PretouchError, headers: dict[str, str] | None = None
     return JSONResponse(problem(error), wire_of(error).http_status, extra, media_type=PROBLEM_TYPE)
 
 
-def answer_errors_as_problems(app: FastAPI, kit: Kit) -> None:
+def answer_errors_as_problems(app: FastAPI, context: ServiceContext) -> None:
     """Every error of `app`, of its framework too, becomes a problem document."""
 
     async def known(_: Request, error: PretouchError) -> JSONResponse:
         if isinstance(error, Internal):
-            kit.log.error("a request met a defect", exc_info=error)
+            context.log.error("a request met a defect", exc_info=error)
         return problem_response(error)
 
     async def of_framework(request: Request, error: HTTPException) -> JSONResponse:

@@ -13,7 +13,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from pretouch.errors import Unavailable
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch_orchestrator.settings import OrchestratorSettings
 
 _BACKLOG = 128
@@ -30,18 +30,18 @@ class _Server(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Signals are the serving kit's."""
+        """Signals are handled by `pretouch.serving`."""
         yield
 
 
 @asynccontextmanager
-async def rest_serving(app: FastAPI, settings: OrchestratorSettings, kit: Kit) -> AsyncIterator[None]:
-    """Serves `app` for as long as the block lasts; requests under way get the kit's grace to end once it drains.
+async def rest_serving(app: FastAPI, settings: OrchestratorSettings, context: ServiceContext) -> AsyncIterator[None]:
+    """Serves `app` for as long as the block lasts; once the service drains, requests under way get its grace to end.
 
     Raises:
         Unavailable: the port cannot be bound.
     """
-    tls = kit.settings
+    tls = context.settings
     config = uvicorn.Config(
         app,
         http="h11",
@@ -51,7 +51,7 @@ async def rest_serving(app: FastAPI, settings: OrchestratorSettings, kit: Kit) -
         log_level="warning",
         access_log=False,
         server_header=False,
-        timeout_graceful_shutdown=max(1, round(kit.settings.grace)),
+        timeout_graceful_shutdown=max(1, round(context.settings.grace)),
         ssl_certfile=tls.tls_cert,
         ssl_keyfile=tls.tls_key,
         ssl_ca_certs=None if tls.tls_client_ca is None else str(tls.tls_client_ca),
@@ -60,13 +60,15 @@ async def rest_serving(app: FastAPI, settings: OrchestratorSettings, kit: Kit) -
     with _bound(settings.rest_host, settings.rest_port) as listener:
         server = _Server(config)
         serving = asyncio.create_task(server.serve(sockets=[listener]))
-        stopping = asyncio.create_task(_stop_when_draining(server, kit))
+        stopping = asyncio.create_task(_stop_when_draining(server, context))
         up = asyncio.create_task(server.up.wait())
         try:
             await asyncio.wait((serving, up), return_when=asyncio.FIRST_COMPLETED)
             if serving.done():
                 serving.result()
-            kit.log.info("REST", host=settings.rest_host, port=listener.getsockname()[1], tls=tls.tls_cert is not None)
+            context.log.info(
+                "REST", host=settings.rest_host, port=listener.getsockname()[1], tls=tls.tls_cert is not None
+            )
             yield
         finally:
             stopping.cancel()
@@ -75,8 +77,8 @@ async def rest_serving(app: FastAPI, settings: OrchestratorSettings, kit: Kit) -
             await serving
 
 
-async def _stop_when_draining(server: uvicorn.Server, kit: Kit) -> None:
-    await kit.draining.wait()
+async def _stop_when_draining(server: uvicorn.Server, context: ServiceContext) -> None:
+    await context.draining.wait()
     server.should_exit = True
 
 

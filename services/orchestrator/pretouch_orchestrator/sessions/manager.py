@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pretouch.camera import DepthImage
 from pretouch.errors import Conflict, Internal, InvalidInput, PretouchError, Unavailable
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch.session import GatewaySpan, Session, SessionRequest, Submission
 from pretouch.tof import RangeSamples
 from pretouch.wire.session import request_to_proto
@@ -47,19 +47,21 @@ class Sessions:
         gateway: None where the orchestrator was started without one.
     """
 
-    def __init__(self, store: Store, loop: Loop, gateway: Gateway | None, kit: Kit) -> None:
+    def __init__(self, store: Store, loop: Loop, gateway: Gateway | None, context: ServiceContext) -> None:
         self._store = store
         self._loop = loop
         self._gateway = gateway
-        self._kit = kit
+        self._context = context
         self._broker = Broker(store)
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self._records: OrderedDict[str, Record] = OrderedDict()
         self._steps: set[asyncio.Task[Any]] = set()
-        self._created = kit.metrics.counter("sessions_created", "Sessions that were opened.")
-        self._ended = kit.metrics.counter("sessions_ended", "Sessions that ended.", ("state",))
-        self._answered = kit.metrics.counter("scans_answered", "Planned scans that a client answered for.", ("kind",))
-        self._seconds = kit.metrics.histogram("step_seconds", "From a request to its stored answer.", ("step",))
+        self._created = context.metrics.counter("sessions_created", "Sessions that were opened.")
+        self._ended = context.metrics.counter("sessions_ended", "Sessions that ended.", ("state",))
+        self._answered = context.metrics.counter(
+            "scans_answered", "Planned scans that a client answered for.", ("kind",)
+        )
+        self._seconds = context.metrics.histogram("step_seconds", "From a request to its stored answer.", ("step",))
 
     async def create(
         self,
@@ -157,7 +159,7 @@ class Sessions:
         if key is None:
             return await self._open(request, values, mask, None)
         async with self._lock(f"key {key}"):
-            keyed = KeyedRequest(key, await self._kit.cpu(_fingerprint, request, values, mask))
+            keyed = KeyedRequest(key, await self._context.run_in_thread(_fingerprint, request, values, mask))
             if (found := await self._store.keyed(key)) is None:
                 return await self._open(request, values, mask, keyed)
             before, session_id = found
@@ -175,7 +177,7 @@ class Sessions:
         mask: NDArray[np.generic] | None,
         key: KeyedRequest | None,
     ) -> Session:
-        depth = await self._kit.cpu(DepthImage.from_values, values, request.depth_scale)
+        depth = await self._context.run_in_thread(DepthImage.from_values, values, request.depth_scale)
         session_id = secrets.token_hex(8)
         with structlog.contextvars.bound_contextvars(session=session_id):
             object_mask = None if mask is None else mask != 0
@@ -185,7 +187,7 @@ class Sessions:
             self._remember(record)
             self._created.inc()
             self._note_end(session)
-            self._kit.log.info("session opened", state=session.state, proposer=session.proposer)
+            self._context.log.info("session opened", state=session.state, proposer=session.proposer)
         return session
 
     async def _submit(self, session_id: str, scan_id: str, submission: Submission) -> Session:
@@ -198,7 +200,7 @@ class Sessions:
             except Exception as error:
                 if isinstance(error, PretouchError) and not isinstance(error, Internal):
                     raise
-                self._kit.log.error("a step met a defect", exc_info=error)
+                self._context.log.error("a step met a defect", exc_info=error)
                 after = self._loop.fail(record, error if isinstance(error, Internal) else _DEFECT)
             session = await self._keep(record, after)
             self._answered.labels(type(submission).__name__).inc()
@@ -238,8 +240,8 @@ class Sessions:
         self._broker.publish(after.id)
         self._note_end(session)
         if session.estimate.sensor_problem:
-            self._kit.log.warning("a scan measured nothing", problem=session.estimate.sensor_problem)
-        self._kit.log.info("session went on", state=session.state, scans=session.budget_used.scans)
+            self._context.log.warning("a scan measured nothing", problem=session.estimate.sensor_problem)
+        self._context.log.info("session went on", state=session.state, scans=session.budget_used.scans)
         return session
 
     async def _record(self, session_id: str) -> Record:

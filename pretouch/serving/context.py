@@ -1,4 +1,4 @@
-"""What a running service is handed."""
+"""The context that a running service is given."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pretouch.serving.workers import Workers
 T = TypeVar("T")
 
 
-class Kit:
+class ServiceContext:
     """A service's settings, log, metrics and threads.
 
     `log` is a structlog logger whose lines carry the session and scan of the call they belong to. `draining` is set
@@ -31,7 +31,7 @@ class Kit:
         self._workers = Workers(settings.workers, settings.max_queue)
         self.metrics.gauge("queue_jobs", "CPU jobs that wait for a thread.").set_function(lambda: self._workers.waiting)
 
-    async def cpu(self, fn: Callable[..., T], *args: Any) -> T:
+    async def run_in_thread(self, fn: Callable[..., T], *args: Any) -> T:
         """`fn(*args)` in one of the service's threads, so that the event loop stays free.
 
         Raises:

@@ -1,4 +1,4 @@
-"""What surrounds every gRPC call but a health check: log context, metrics, token, deadline, and errors as problems."""
+"""The server interceptor of all gRPC calls but health checks: log context, metrics, token, deadline, problems."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ import structlog
 
 from pretouch.channel import SCAN_ID_METADATA, SESSION_ID_METADATA
 from pretouch.errors import PROBLEM_METADATA_KEY, Internal, PretouchError, problem, wire_of
-from pretouch.serving.gate import Gate
-from pretouch.serving.kit import Kit
+from pretouch.serving.admission import AdmissionControl
+from pretouch.serving.context import ServiceContext
 
 _HEALTH = "/grpc.health.v1.Health/"
 _DETAIL_LENGTH, _MESSAGE_LENGTH = 800, 150  # characters; gRPC refuses metadata beyond 8 KiB, however it is encoded
 _LOGGED_IDS = ((SESSION_ID_METADATA, "session"), (SCAN_ID_METADATA, "scan"))
 
 
-class Calls(grpc.aio.ServerInterceptor):  # type: ignore[misc]
-    """Surrounds the handlers of all four kinds of call."""
+class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
+    """Wraps the handlers of all four kinds of call."""
 
-    def __init__(self, kit: Kit, gate: Gate) -> None:
-        self._kit = kit
-        self._gate = gate
+    def __init__(self, service: ServiceContext, admission: AdmissionControl) -> None:
+        self._service = service
+        self._admission = admission
 
     async def intercept_service(
         self, continuation: Callable[[grpc.HandlerCallDetails], Awaitable[Any]], details: grpc.HandlerCallDetails
@@ -38,7 +38,7 @@ class Calls(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         handler = await continuation(details)
         if handler is None or details.method.startswith(_HEALTH):
             return handler
-        refusal = self._gate.refusal(_texts(details.invocation_metadata).get("authorization", ""))
+        refusal = self._admission.refusal(_texts(details.invocation_metadata).get("authorization", ""))
         if refusal is not None:
             handler = _refused_unread(refusal)
         return self._surrounded(handler, details.method.removeprefix("/"))
@@ -49,7 +49,7 @@ class Calls(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         behaviour = getattr(handler, kind)
 
         async def single_answer(request: Any, context: grpc.aio.ServicerContext) -> Any:
-            async with self._around(method, context, self._kit.settings.deadline):
+            async with self._around(method, context, self._service.settings.deadline):
                 return await behaviour(request, context)
 
         async def many_answers(request: Any, context: grpc.aio.ServicerContext) -> AsyncIterator[Any]:
@@ -74,16 +74,16 @@ class Calls(grpc.aio.ServerInterceptor):  # type: ignore[misc]
     ) -> AsyncIterator[None]:
         metadata = _texts(context.invocation_metadata())
         ids = {name: metadata[key][:64] for key, name in _LOGGED_IDS if key in metadata}
-        metrics = self._kit.metrics
+        metrics = self._service.metrics
         began = time.perf_counter()
         code = grpc.StatusCode.OK
         with (
             structlog.contextvars.bound_contextvars(**ids),
             metrics.calls_in_flight.track_inprogress(),
-            self._gate.inside(),
+            self._admission.track_call(),
         ):
             try:
-                async with self._gate.bounded(deadline if context.time_remaining() is None else None):
+                async with self._admission.limit_duration(deadline if context.time_remaining() is None else None):
                     yield
             except (asyncio.CancelledError, GeneratorExit):
                 code = grpc.StatusCode.CANCELLED
@@ -99,13 +99,13 @@ class Calls(grpc.aio.ServerInterceptor):  # type: ignore[misc]
                 seconds = time.perf_counter() - began
                 metrics.calls.labels(method, code.name).inc()
                 metrics.call_seconds.labels(method).observe(seconds)
-                self._kit.log.info("call", method=method, code=code.name, seconds=round(seconds, 6))
+                self._service.log.info("call", method=method, code=code.name, seconds=round(seconds, 6))
 
     def _known(self, method: str, caught: Exception) -> PretouchError:
         """`caught` itself if it may cross the wire; any other goes to the log with its trace."""
         if isinstance(caught, PretouchError) and not isinstance(caught, Internal):
             return caught
-        self._kit.log.error("a call met a defect", method=method, exc_info=caught)
+        self._service.log.error("a call met a defect", method=method, exc_info=caught)
         if isinstance(caught, PretouchError):
             return caught
         return Internal(

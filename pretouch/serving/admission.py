@@ -1,4 +1,4 @@
-"""Who may come in, when, and for how long."""
+"""Admission control: which calls are accepted, how long they may take, and how they are drained."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from pretouch.errors import DeadlineExceeded, PretouchError, Unauthenticated, Unavailable
 
 
-class Gate:
-    """Lets calls in while the service serves and the token is right; sees to it that all of them leave in the end."""
+class AdmissionControl:
+    """Accepts calls that carry the token while the service serves, and ends those under way when it drains."""
 
     def __init__(self, token: str | None) -> None:
         self._token = None if token is None else f"Bearer {token}".encode()
         self._closed: str | None = "The service is still warming up."
-        self._inside = 0
+        self._under_way = 0
         self._empty = asyncio.Event()
         self._empty.set()
         self._bounds: set[asyncio.Timeout] = set()
         self._cut_off = False
 
     def open(self) -> None:
-        """From now on calls are let in."""
+        """Accepts calls from now on."""
         self._closed = None
 
     def refusal(self, authorization: str) -> PretouchError | None:
-        """Why a call with this authorization may not come in now (`Unauthenticated`, `Unavailable`); None if it may."""
+        """The error (`Unauthenticated`, `Unavailable`) for a call with this authorization; None if it is accepted."""
         if self._token is not None and not hmac.compare_digest(authorization.encode(), self._token):
             return Unauthenticated(
                 "The call carries a wrong token." if authorization else "The call carries no token.",
@@ -38,19 +38,19 @@ class Gate:
         return None
 
     @contextmanager
-    def inside(self) -> Iterator[None]:
-        """Counts a call as inside for as long as the block lasts."""
-        self._inside += 1
+    def track_call(self) -> Iterator[None]:
+        """Counts a call as under way for as long as the block lasts."""
+        self._under_way += 1
         self._empty.clear()
         try:
             yield
         finally:
-            self._inside -= 1
-            if self._inside == 0:
+            self._under_way -= 1
+            if self._under_way == 0:
                 self._empty.set()
 
     @asynccontextmanager
-    async def bounded(self, deadline: float | None) -> AsyncIterator[None]:
+    async def limit_duration(self, deadline: float | None) -> AsyncIterator[None]:
         """Ends the block after `deadline` seconds, or when the drain's grace is over.
 
         Raises:
@@ -74,7 +74,7 @@ class Gate:
             ) from error
 
     async def drain(self, grace: float) -> None:
-        """Refuses calls from now on; returns when those inside have left, which they must after `grace` seconds."""
+        """Refuses calls from now on and waits for those under way, which are ended after `grace` seconds."""
         self._closed = "The service is shutting down."
         with suppress(TimeoutError):
             async with asyncio.timeout(grace):
