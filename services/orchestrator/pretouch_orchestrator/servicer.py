@@ -1,4 +1,4 @@
-"""The gRPC contract over the sessions' use cases."""
+"""The gRPC contract: a servicer over the session manager."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from pretouch.session import Session
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1 import orchestrator_pb2_grpc
 from pretouch.wire.session import request_from_proto, session_to_proto, submission_from_proto
-from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, Sessions
+from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
 
 SERVICE = pb.DESCRIPTOR.services_by_name["OrchestratorService"].full_name
 
 
 class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
-    """See orchestrator.proto; errors are raised, and `pretouch.serving` puts them on the wire."""
+    """See orchestrator.proto. Errors are raised here and converted to gRPC statuses by `pretouch.serving`."""
 
-    def __init__(self, sessions: Sessions, context: ServiceContext) -> None:
+    def __init__(self, sessions: SessionManager, context: ServiceContext) -> None:
         self._sessions = sessions
         self._context = context
 
@@ -33,7 +33,7 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         return pb.GetSessionResponse(session=session_to_proto(await self._sessions.get(request.session_id)))
 
     async def ListSessions(self, request: pb.ListSessionsRequest, context: Any) -> pb.ListSessionsResponse:
-        sessions, following = await self._sessions.page(request.limit or DEFAULT_PAGE, request.cursor)
+        sessions, following = await self._sessions.list_page(request.limit or DEFAULT_PAGE, request.cursor)
         return pb.ListSessionsResponse(sessions=map(session_to_proto, sessions), next=following)
 
     async def SubmitScan(self, request: pb.SubmitScanRequest, context: Any) -> pb.SubmitScanResponse:
@@ -54,7 +54,7 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         self, requests: AsyncIterator[pb.RunSessionRequest], context: Any
     ) -> AsyncIterator[pb.RunSessionResponse]:
         session: Session | None = None
-        async for request in _until(self._context.draining, requests):
+        async for request in _take_until(self._context.draining, requests):
             session = await self._step(request, session)
             yield pb.RunSessionResponse(session=session_to_proto(session))
             if session.state.ended:
@@ -75,7 +75,7 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
                 return await self._submit(session.id, request.scan)
             case step:
                 raise InvalidInput(
-                    f"The stream's step is {step or 'empty'}, which does not fit here.",
+                    f"The stream's step is {step or 'empty'}, which is not allowed here.",
                     "Send `create` or `session_id` first, then scans.",
                 )
 
@@ -84,15 +84,15 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         return await self._sessions.create(wanted, values, mask, request.idempotency_key or None)
 
     async def _submit(self, session_id: str, request: pb.SubmitScanRequest) -> Session:
-        session = await self._sessions.answered(session_id, request.scan_id)
+        session = await self._sessions.find_answered(session_id, request.scan_id)
         if session is None:
             submission = await self._context.run_in_thread(submission_from_proto, request)
             session = await self._sessions.submit(session_id, request.scan_id, submission)
         return session
 
 
-async def _until(stop: asyncio.Event, requests: AsyncIterator[pb.RunSessionRequest]) -> AsyncIterator[Any]:
-    """The requests until `stop` is set."""
+async def _take_until(stop: asyncio.Event, requests: AsyncIterator[pb.RunSessionRequest]) -> AsyncIterator[Any]:
+    """Yields the requests until `stop` is set."""
     stopped = asyncio.create_task(stop.wait())
     try:
         while True:

@@ -1,4 +1,4 @@
-"""What a fingertip should read along a scan, by what the camera saw and wherever its error may have put that."""
+"""The ranges that a fingertip should read along a scan, predicted from the depth image and the pose uncertainty."""
 
 from __future__ import annotations
 
@@ -11,39 +11,39 @@ from scipy import ndimage
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Pose, rotation_from_vector
 from pretouch.scene import Scene
-from pretouch_orchestrator.perception.heightmap import height_map
+from pretouch_orchestrator.perception.heightmap import build_height_map
 from pretouch_orchestrator.perception.table import table_covariance
 
 _REACH = 0.05
-"""m around the object that is looked at: where paths go, and how far off what is there may be."""
+"""m around the object that the surface covers: the reach of paths plus the error of the pose."""
 _LATERAL_STD = 0.01
-"""m, per axis of the table, that the surface may be off to a side at least: an estimate may be surer than it is
-right, and 2 cm must explain what they can."""
-_DRAWS = np.random.default_rng(0).standard_normal((50, 6))
-_NORMAL = np.concatenate([_DRAWS, -_DRAWS])
-_GAP = 0.004
-"""m: a place this near to one that was seen is as high; the pixels are that far apart on a slanted surface."""
-_LEVEL = 0.003
-"""m above the table that nothing hidden rises above where the table is taken for granted."""
-_STEEPEST = 0.1
-"""Share of a beam's direction that points down at least: others meet the table far away or nowhere."""
-_FAR = 1.0
-"""m: what a beam that meets nothing is said to read."""
+"""m, per lateral axis of the table: least standard deviation of the surface's position. The estimate may be
+overconfident, and lateral errors of 2 cm must remain possible explanations."""
+_HALF = np.random.default_rng(0).standard_normal((50, 6))
+_NORMAL_SAMPLES = np.concatenate([_HALF, -_HALF])
+_MAX_GAP = 0.004
+"""m: a cell this near to a seen one gets its height; pixels are that far apart on a slanted surface."""
+_MAX_TABLE_HEIGHT = 0.003
+"""m above the table up to which hidden cells are taken to be the table."""
+_MIN_DOWNWARD = 0.1
+"""Least downward component of a beam's direction: flatter beams hit the table far away or not at all."""
+_NO_HIT_RANGE = 1.0
+"""m: the range of a beam that hits nothing."""
 _MAX_STEPS = 256
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The believed surface as presently corrected, z along the table's normal.
+    """The believed surface as presently corrected: heights over the table's plane.
 
     Attributes:
         table_T_base: to the frame of the table.
-        origin, cell: (2,), m, and m: the place of cell (0, 0) and the cells' size.
+        origin, cell: (2,), m, and m: the position of cell (0, 0) and the size of a cell.
         heights: (nx, ny), m above the table.
-        known: (nx, ny): the heights that were seen, not hidden.
+        known: (nx, ny): cells that were seen, or can only be the table.
         centroid: (3,), m, in the table's frame.
-        displacements: (k, 6): draws of where the surface may be instead, a rotation vector about the centroid and a
-            shift, rad and m, in the table's axes.
+        displacements: (k, 6): samples of the surface's pose error: a rotation vector about the centroid, rad, and a
+            translation, m, in the table's axes.
     """
 
     table_T_base: Pose
@@ -55,45 +55,45 @@ class Surface:
     displacements: Array
 
     @staticmethod
-    def of(scene: Scene, estimate: Estimate) -> Surface:
-        """What the view shows, moved as the estimate says."""
-        seen = height_map(scene, _REACH)
+    def from_estimate(scene: Scene, estimate: Estimate) -> Surface:
+        """The surface that the camera saw, corrected by the estimate."""
+        seen = build_height_map(scene, _REACH)
         unseen = np.isnan(seen.seen)
         distance, nearest = ndimage.distance_transform_edt(unseen, sampling=seen.cell, return_indices=True)
-        shown = distance <= _GAP
+        shown = distance <= _MAX_GAP
         table_T_base = seen.base_T_table.inverse()
         return Surface(
             table_T_base @ estimate.base_T_correction.inverse(),
             seen.origin,
             seen.cell,
             heights=np.where(shown, seen.seen[tuple(nearest)], 0.0),
-            known=shown | (seen.believed <= _LEVEL),
+            known=shown | (seen.believed <= _MAX_TABLE_HEIGHT),
             centroid=table_T_base.apply(estimate.centroid),
-            displacements=_drawn(table_covariance(seen.base_T_table, estimate)),
+            displacements=_sample_displacements(table_covariance(seen.base_T_table, estimate)),
         )
 
-    def widened(self, radius: float) -> Surface:
-        """As whoever reads the nearest part within `radius`, m, of the beam sees it."""
+    def dilate(self, radius: float) -> Surface:
+        """The surface as a cone sees it that reads the nearest point within `radius`, m, of its axis."""
         size = 2 * int(np.ceil(radius / self.cell)) + 1
         return replace(self, heights=ndimage.maximum_filter(self.heights, size=size, mode="nearest"))
 
-    def ranges(self, origins: Array, directions: Array) -> Array:
-        """(n,), m: where beams, in base, first meet the surface; 1 m where they do not."""
-        return self._met(self.table_T_base.apply(origins), directions @ self.table_T_base.rotation.T)
+    def predict_ranges(self, origins: Array, directions: Array) -> Array:
+        """(n,), m: the range at which beams, in base, first hit the surface; 1 m where they do not."""
+        return self._intersect(self.table_T_base.apply(origins), directions @ self.table_T_base.rotation.T)
 
-    def drawn_ranges(self, origins: Array, directions: Array) -> Array:
-        """(k, n), m: `ranges` with the surface at each of the places where it may be."""
+    def sample_ranges(self, origins: Array, directions: Array) -> Array:
+        """(k, n), m: `predict_ranges` for each sample of the surface's pose error."""
         starts, ways = self.table_T_base.apply(origins), directions @ self.table_T_base.rotation.T
-        drawn = []
+        sampled = []
         for displacement in self.displacements:
             turn = rotation_from_vector(displacement[:3])
             moved = (starts - self.centroid - displacement[3:]) @ turn + self.centroid
-            drawn.append(self._met(moved, ways @ turn))
-        return np.stack(drawn)
+            sampled.append(self._intersect(moved, ways @ turn))
+        return np.stack(sampled)
 
-    def known_at(self, origins: Array, directions: Array) -> NDArray[np.bool_]:
-        """(n,): whether the place that each beam meets was seen."""
-        ends = origins + self.ranges(origins, directions)[:, None] * directions
+    def is_known_at(self, origins: Array, directions: Array) -> NDArray[np.bool_]:
+        """(n,): whether each beam hits a cell that is known."""
+        ends = origins + self.predict_ranges(origins, directions)[:, None] * directions
         return np.asarray(self.known[self._index(self.table_T_base.apply(ends)[:, :2])], dtype=bool)
 
     def _index(self, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -101,9 +101,9 @@ class Surface:
         nx, ny = self.heights.shape
         return cells[..., 0].clip(0, nx - 1), cells[..., 1].clip(0, ny - 1)
 
-    def _met(self, starts: Array, ways: Array) -> Array:
-        """`ranges` in the table's frame: steps of one cell over the ground, one alone for beams straight down."""
-        down = np.maximum(-ways[:, 2], _STEEPEST)
+    def _intersect(self, starts: Array, ways: Array) -> Array:
+        """`predict_ranges` in the table's frame, in steps of one cell; vertical beams take a single step."""
+        down = np.maximum(-ways[:, 2], _MIN_DOWNWARD)
         longest = (starts[:, 2] - min(float(self.heights.min()), 0.0)) / down
         travelled = float((longest * np.linalg.norm(ways[:, :2], axis=1)).max(initial=0.0))
         steps = int(np.clip(np.ceil(travelled / self.cell), 1, _MAX_STEPS))
@@ -112,13 +112,13 @@ class Surface:
         places = starts[:, None, :2] + ends[..., None] * ways[:, None, :2]
         at = (starts[:, 2:] - self.heights[self._index(places)]) / down[:, None]
         met = np.where(at <= ends + 1e-9, np.maximum(at, begins), np.inf).min(axis=1)
-        return np.where((-ways[:, 2] >= _STEEPEST) & np.isfinite(met), np.maximum(met, 0.0), _FAR)
+        return np.where((-ways[:, 2] >= _MIN_DOWNWARD) & np.isfinite(met), np.maximum(met, 0.0), _NO_HIT_RANGE)
 
 
-def _drawn(covariance: Array) -> Array:
-    """(k, 6): fixed draws of covariance (6, 6), in the table's axes, to a side no surer than `_LATERAL_STD`."""
+def _sample_displacements(covariance: Array) -> Array:
+    """(k, 6): deterministic samples of a covariance (6, 6) in the table's axes, laterally at least `_LATERAL_STD`."""
     widened = covariance.copy()
     for axis in (3, 4):
         widened[axis, axis] = max(widened[axis, axis], _LATERAL_STD**2)
     values, vectors = np.linalg.eigh(widened)
-    return np.asarray(_NORMAL @ (vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
+    return np.asarray(_NORMAL_SAMPLES @ (vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What is the object, and where is its table? From the client's mask and table, or found in the depth image."""
+"""Segments object and table in the depth image, unless the client gives a mask or the table."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, Plane, Pose
 from pretouch.scene import MIN_OBJECT_PIXELS, Scene
-from pretouch_orchestrator.perception.clusters import clusters, without_flying
+from pretouch_orchestrator.perception.clusters import label_clusters, remove_flying_pixels
 from pretouch_orchestrator.perception.table import fit_table, height_std
 
 Pixels = NDArray[np.bool_]
 
 _MIN_HEIGHT = 0.008
-"""m: an object rises above the table by this or more."""
-_BASE = 0.004
-"""m above the table, the mean of 3 x 3 pixels, from which a pixel can belong to an object; or 2 sigma of one pixel."""
+"""m: least height of an object above the table."""
+_MIN_PIXEL_HEIGHT = 0.004
+"""m: least height, averaged over 3 x 3 pixels, of a pixel of an object; 2 sigma of one pixel where that is more."""
 _MAX_FOOT = 0.03
-"""m: what stands on the table is seen down to this height or lower; what hangs above it is not."""
-_EDGE = 0.01
-"""m within the outline of the table's seen part that half of an object is or more; a wall behind the table is not."""
-_CONSIDERED = 20
+"""m: the lowest seen point of an object that stands on the table is at most this high."""
+_OUTLINE_MARGIN = 0.01
+"""m inside the outline of the visible table within which at least half of an object lies, unlike a wall behind it."""
+_MAX_CLUSTERS = 20
 
 
 def find_object(
@@ -35,43 +35,43 @@ def find_object(
     mask: Pixels | None = None,
     table: Plane | None = None,
 ) -> Scene:
-    """The scene that a client's view shows.
+    """Segments the client's view.
 
     Args:
         depth: (h, w).
         base_T_camera: extrinsics as the client believes them.
-        roi: (u0, v0, u1, v1), half-open: where the object is; with a mask, their intersection counts.
-        mask: (h, w), True on the object; None: the largest thing that stands on the table within the roi.
-        table: in base as `base_T_camera` puts it; None: the plane that most of the surroundings lie on.
+        roi: (u0, v0, u1, v1), half-open: the object is within it; a mask is intersected with it.
+        mask: (h, w), True on the object; None: the largest object that stands on the table within the roi is taken.
+        table: in base by `base_T_camera`; None: the plane with the most support around the object is taken.
 
     Raises:
-        InvalidInput: no depth, a roi beside the image, a mask of another size or without depth, no table, no object.
+        InvalidInput: no depth, a roi outside the image, a mask of another size or without depth, no table, no object.
     """
     seen = depth.metres > 0
     if not seen.any():
         raise InvalidInput("The depth image holds no depth.", "Send metres = value x depth_scale; 0 means no data.")
-    area = _area(depth, roi)
+    area = _roi_to_mask(depth, roi)
     if mask is not None:
-        mask = _checked(mask, area, seen)
+        mask = _validate_mask(mask, area, seen)
     points = camera.organised(depth.metres)
     if table is not None:
         plane = table.moved(base_T_camera.inverse())
     else:
-        plane = _found_table(points, seen, area if roi is not None else None, mask)
+        plane = _find_table(points, seen, area if roi is not None else None, mask)
         table = plane.moved(base_T_camera)
     if mask is None:
-        mask = _standing(depth.metres, points, plane, area & seen)
+        mask = _segment_standing_object(depth.metres, points, plane, area & seen)
     return Scene(depth, camera, base_T_camera, mask, table)
 
 
-def _area(depth: DepthImage, roi: tuple[int, int, int, int] | None) -> Pixels:
+def _roi_to_mask(depth: DepthImage, roi: tuple[int, int, int, int] | None) -> Pixels:
     area = np.ones(depth.metres.shape, dtype=bool)
     if roi is None:
         return area
     u0, v0, u1, v1 = roi
     if u0 >= depth.width or v0 >= depth.height:
         raise InvalidInput(
-            f"roi {list(roi)} lies beside the image of {depth.width} x {depth.height} pixels.",
+            f"roi {list(roi)} lies outside the image of {depth.width} x {depth.height} pixels.",
             "Send [u0, v0, u1, v1] in the depth image's pixels.",
         )
     area[:] = False
@@ -79,7 +79,7 @@ def _area(depth: DepthImage, roi: tuple[int, int, int, int] | None) -> Pixels:
     return area
 
 
-def _checked(mask: Pixels, area: Pixels, seen: Pixels) -> Pixels:
+def _validate_mask(mask: Pixels, area: Pixels, seen: Pixels) -> Pixels:
     if mask.shape != seen.shape:
         raise InvalidInput(
             f"The mask is {list(mask.shape)} pixels (h, w), the depth image {list(seen.shape)}.",
@@ -90,18 +90,20 @@ def _checked(mask: Pixels, area: Pixels, seen: Pixels) -> Pixels:
     if not (mask & area).any():
         raise InvalidInput("The mask is empty within the roi.", "Send a roi that holds the object, or none.")
     if not (mask & area & seen).any():
-        raise InvalidInput("The depth image has no data within the mask.", "Check that mask and depth image fit.")
+        raise InvalidInput(
+            "The depth image has no data within the mask.", "Check that the mask belongs to the depth image."
+        )
     return mask & area
 
 
-def _found_table(points: Array, seen: Pixels, area: Pixels | None, mask: Pixels | None) -> Plane:
-    """The table in the camera frame: from the object's surroundings, else from the whole image."""
+def _find_table(points: Array, seen: Pixels, area: Pixels | None, mask: Pixels | None) -> Plane:
+    """The table in the camera frame, fitted to the object's surroundings or, failing that, to the whole image."""
     stages = [(seen, 0.0)]
     if mask is not None:
         beside = seen & ~ndimage.binary_dilation(mask, iterations=3)
-        stages = [(beside & _grown(mask, 1.0), 0.5), (beside, 0.0)]
+        stages = [(beside & _pad_bounding_box(mask, 1.0), 0.5), (beside, 0.0)]
     elif area is not None:
-        stages = [(seen & _grown(area, 0.5), 0.5), (seen, 0.0)]
+        stages = [(seen & _pad_bounding_box(area, 0.5), 0.5), (seen, 0.0)]
     for pixels, below_weight in stages:
         plane = fit_table(points[pixels], below_weight)
         if plane is not None and (mask is None or np.median(plane.height(points[mask & seen])) > 0):
@@ -112,8 +114,8 @@ def _found_table(points: Array, seen: Pixels, area: Pixels | None, mask: Pixels 
     )
 
 
-def _grown(area: Pixels, share: float) -> Pixels:
-    """The bounding box of `area`, larger by `share` of its sides, and 20 pixels or more, at each side."""
+def _pad_bounding_box(area: Pixels, share: float) -> Pixels:
+    """The bounding box of `area`, padded on each side by `share` of its size and at least 20 pixels."""
     v, u = np.nonzero(area)
     pad_v, pad_u = (max(20, int(share * (np.ptp(x) + 1))) for x in (v, u))
     grown = np.zeros_like(area)
@@ -121,23 +123,23 @@ def _grown(area: Pixels, share: float) -> Pixels:
     return grown
 
 
-def _standing(depth: NDArray[np.float32], points: Array, table: Plane, area: Pixels) -> Pixels:
+def _segment_standing_object(depth: NDArray[np.float32], points: Array, table: Plane, area: Pixels) -> Pixels:
     """The largest cluster of pixels in `area` that stands on the table (camera frame)."""
     heights = table.height(points)
     std = height_std(points, table.normal)
     flat = np.where(depth > 0, np.clip(heights, -0.02, 0.02), 0.0)
     mean = ndimage.uniform_filter(flat, 3) / np.maximum(ndimage.uniform_filter((depth > 0).astype(np.float64), 3), 0.1)
-    above = area & (mean > np.maximum(_BASE, 2 * std)) & (heights > std)
-    labels = clusters(depth, without_flying(depth, above))
+    above = area & (mean > np.maximum(_MIN_PIXEL_HEIGHT, 2 * std)) & (heights > std)
+    labels = label_clusters(depth, remove_flying_pixels(depth, above))
     table_T_camera = table.frame().inverse()
-    outline = _outline(table_T_camera.apply(points)[..., :2], (depth > 0) & (np.abs(heights) < 3 * std + 0.002))
+    outline = _fit_outline(table_T_camera.apply(points)[..., :2], (depth > 0) & (np.abs(heights) < 3 * std + 0.002))
     pixels: Pixels
-    for label in range(1, min(int(labels.max()), _CONSIDERED) + 1):
+    for label in range(1, min(int(labels.max()), _MAX_CLUSTERS) + 1):
         pixels = labels == label
         if pixels.sum() < MIN_OBJECT_PIXELS:
             break
         foot, top = heights[pixels].min(), np.percentile(heights[pixels], 95)
-        over = table_T_camera.apply(points[pixels])[:, :2] @ outline[:, :2].T + outline[:, 2] <= -_EDGE
+        over = table_T_camera.apply(points[pixels])[:, :2] @ outline[:, :2].T + outline[:, 2] <= -_OUTLINE_MARGIN
         if foot < _MAX_FOOT and top > _MIN_HEIGHT and over.all(axis=1).mean() >= 0.5:
             return pixels
     raise InvalidInput(
@@ -146,12 +148,12 @@ def _standing(depth: NDArray[np.float32], points: Array, table: Plane, area: Pix
     )
 
 
-def _outline(places: Array, table: Pixels) -> Array:
-    """The convex outline of the table's large pieces: half planes (m, 3) with a x + b y + c <= 0 inside.
+def _fit_outline(places: Array, table: Pixels) -> Array:
+    """The convex hull of the table's large components: half planes (m, 3) with a x + b y + c <= 0 inside.
 
     Args:
         places: (h, w, 2), m, each pixel's (x, y) in the table's frame.
-        table: (h, w), pixels at the table's height: the table, and strays where its plane meets other things.
+        table: (h, w), pixels at the table's height: the table, and stray ones where its plane cuts other things.
     """
     pieces, _ = ndimage.label(table, structure=np.ones((3, 3)))
     sizes = np.bincount(pieces.ravel())

@@ -1,4 +1,4 @@
-"""How high may something stand that the camera cannot see?"""
+"""Upper bounds of what the camera cannot see: behind occluding surfaces and in the depth image's holes."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from pretouch.geometry import Array
 _SIDES = ((0, -1), (0, 1), (1, -1), (1, 1))
 
 
-def shadow_ceiling(heights: Array, cell: float, camera: Array) -> Array:
-    """The highest point at each place that what stands nearer to the camera hides.
+def compute_shadow_ceiling(heights: Array, cell: float, camera: Array) -> Array:
+    """The height at each cell below which the surfaces nearer to the camera hide everything.
 
-    Along each ray over the ground from the camera's foot, the lowest sight line that clears all heights so far (the
-    horizon) bounds what lies behind them: at distance r it is at camera z - r min (camera z - height) / distance.
+    Along each ray in the table's plane from the point below the camera, the lowest line of sight that clears all
+    heights so far (the horizon) bounds what lies behind them: at distance r its height is
+    camera z - r min (camera z - height) / distance.
 
     Args:
         heights: (nx, ny), m, at x = i cell, y = j cell.
         cell: m.
-        camera: (3,), m, the camera's place, measured from the place of cell (0, 0) at height 0.
+        camera: (3,), m, the camera's position relative to cell (0, 0) at height 0.
 
     Returns:
-        (nx, ny), m; may be negative where all is seen; never above the highest of `heights`.
+        (nx, ny), m; may be negative where nothing is hidden; never above the maximum of `heights`.
     """
     nx, ny = heights.shape
     i, j = np.indices(heights.shape)
@@ -48,18 +49,18 @@ def shadow_ceiling(heights: Array, cell: float, camera: Array) -> Array:
     return np.asarray(np.minimum(ceiling, heights.max()), dtype=np.float64)
 
 
-def filled_holes(points: Array, seen: NDArray[np.bool_], camera: Array) -> Array:
+def fill_holes(points: Array, seen: NDArray[np.bool_], camera: Array) -> Array:
     """Points for the pixels without depth: on their rays, as high as the highest of the nearest pixels with depth.
 
-    What a hole hides is believed to be no higher than what surrounds it: the nearest pixels left, right, above, below.
+    This assumes that nothing in a hole is higher than the nearest pixels to its left and right, above and below.
 
     Args:
-        points: (h, w, 3), m, z up from the table; at the pixels that were not `seen`, any point of the pixel's ray.
-        seen: (h, w).
+        points: (h, w, 3), m, z up from the table; at pixels that are not `seen`, any point on the pixel's ray.
+        seen: (h, w): the pixels with depth.
         camera: (3,), m.
 
     Returns:
-        (m, 3), m; less pixels whose ray does not come down to that height in front of the camera.
+        (m, 3), m, without the pixels whose rays do not reach that height in front of the camera.
     """
     highest = np.full(seen.shape, -np.inf)
     heights = np.where(seen, points[..., 2], -np.inf)

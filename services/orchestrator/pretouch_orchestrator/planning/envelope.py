@@ -1,4 +1,4 @@
-"""How low the fingertip may go: the believed surface, widened and raised by what the estimate leaves uncertain."""
+"""The lowest allowed height of the fingertip: the believed surface, dilated and raised by the pose uncertainty."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from pretouch_orchestrator.perception.heightmap import HeightMap
 from pretouch_orchestrator.perception.table import table_covariance
 
 FINGER_RADIUS = 0.010
-"""m around the beam that the finger takes up."""
-_DISC_STEPS = 6
+"""m around the beam."""
+_DISC_BOXES = 6
 
 
 @dataclass(frozen=True)
 class Margins:
-    """What is kept between the fingertip and what may lie under it, in standard deviations of the estimate.
+    """The distance between the fingertip and the surface, in standard deviations of the estimate.
 
-    Over all places of a scan at once, the table's three degrees of freedom exceed 4 standard deviations upwards with at
-    most P(chi2_3 > 16) / 2 = 0.06 %, and sideways with P(chi2_2 > 16) = 0.03 %: 0.1 % together.
+    Over a whole scan, the table's three degrees of freedom exceed 4 standard deviations upwards with a probability of
+    at most P(chi2_3 > 16) / 2 = 0.06 %, and sideways of P(chi2_2 > 16) = 0.03 %: 0.1 % together.
 
     Attributes:
-        sigmas: the standoff is kept from whatever may come under the finger within this many to a side.
-        safe_sigmas: `closest` is kept up to this many, upwards and to a side.
-        closest: m from object or table that the tip does not come within.
+        sigmas: the standoff holds for lateral errors of up to this many standard deviations.
+        safe_sigmas: `closest` holds for vertical and lateral errors of up to this many.
+        closest: m, the smallest distance from object or table.
     """
 
     sigmas: float = 3.0
@@ -40,7 +40,7 @@ SAFE = Margins()
 
 
 def vertical_std(covariance: Array, x: Array, y: Array) -> Array:
-    """m: how far up or down a point at (x, y), m, from the centroid may be; covariance in the table's axes.
+    """m: standard deviation of the height of points at (x, y), m, from the centroid; covariance in the table's axes.
 
     An error (w, d) lifts the point by d_z + w_x y - w_y x.
     """
@@ -50,7 +50,7 @@ def vertical_std(covariance: Array, x: Array, y: Array) -> Array:
 
 
 def lateral_std(covariance: Array, arms: Array) -> float:
-    """m: how far to the worst side the worst of points with `arms` (n, 3), m, from the centroid may be.
+    """m: largest lateral standard deviation of points at `arms` (n, 3), m, from the centroid, in the worst direction.
 
     An error (w, d) shifts a point sideways by (d_x + w_y z - w_z y, d_y + w_z x - w_x z).
     """
@@ -61,32 +61,32 @@ def lateral_std(covariance: Array, arms: Array) -> float:
     return float(np.sqrt(max(largest, 0.0)))
 
 
-def reach_of(lateral: float, margins: Margins = SAFE) -> float:
-    """m: how far around the beam the surface counts when a point may be `lateral` m, one sigma, to a side."""
+def compute_reach(lateral: float, margins: Margins = SAFE) -> float:
+    """m around the beam within which the surface counts if its lateral standard deviation is `lateral` m."""
     return max(FINGER_RADIUS + margins.sigmas * lateral, margins.closest + margins.safe_sigmas * lateral)
 
 
-def lowest_tip(
+def compute_tip_floor(
     height_map: HeightMap, estimate: Estimate, reach: float, standoff: float, margins: Margins = SAFE
 ) -> Array:
     """The lowest allowed height of the tip, (nx, ny), m in the table's frame, over each cell of the map.
 
-    It is at least `standoff` above the highest believed point within `reach` m, and at least `margins.closest` above it
-    plus `margins.safe_sigmas` standard deviations of that point's height. No more than that: what lies lower than the
-    highest point near it must stay within the sensor's range.
+    It is the maximum over the believed points within `reach` m of their height plus either `standoff`, or
+    `margins.closest` and `margins.safe_sigmas` standard deviations of that height, whichever is more. It is no higher
+    than that, so that points lower than the highest one nearby stay within the sensor's range.
     """
     covariance = table_covariance(height_map.base_T_table, estimate)
     x, y = height_map.places()
     cx, cy, _ = height_map.base_T_table.inverse().apply(estimate.centroid)
     sigma = vertical_std(covariance, x - cx, y - cy)
     tip = height_map.believed + np.maximum(standoff, margins.closest + margins.safe_sigmas * sigma)
-    return _highest_within(tip, reach / height_map.cell)
+    return _dilate(tip, reach / height_map.cell)
 
 
-def _highest_within(values: Array, radius: float) -> Array:
-    """The maximum over a disc of `radius` cells or slightly more: over the boxes that together just cover the disc."""
+def _dilate(values: Array, radius: float) -> Array:
+    """The maximum over a disc of `radius` cells, approximated from outside by boxes that together cover it."""
     highest = values
-    angles = np.linspace(0.0, np.pi / 2, _DISC_STEPS + 1)
+    angles = np.linspace(0.0, np.pi / 2, _DISC_BOXES + 1)
     for cosine, sine in zip(np.cos(angles[:-1]), np.sin(angles[1:]), strict=True):
         size = [2 * int(np.ceil(radius * side)) + 1 for side in (cosine, sine)]
         highest = np.maximum(highest, ndimage.maximum_filter(values, size=size, mode="nearest"))

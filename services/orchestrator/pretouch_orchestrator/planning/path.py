@@ -1,4 +1,4 @@
-"""From a rectangle in the depth image to a path of the fingertip over the object."""
+"""Plans the fingertip's path over the object along the perimeter of a rectangle in the depth image."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import ScanSettings
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.perception.heightmap import HeightMap, height_map
+from pretouch_orchestrator.perception.heightmap import HeightMap, build_height_map
 from pretouch_orchestrator.perception.table import table_covariance
-from pretouch_orchestrator.planning.envelope import SAFE, Margins, lateral_std, lowest_tip, reach_of
+from pretouch_orchestrator.planning.envelope import SAFE, Margins, compute_reach, compute_tip_floor, lateral_std
 
-_WORTHWHILE = 0.015
-"""m from the object, over the ground, beyond which a path teaches little."""
+_MAX_OBJECT_DISTANCE = 0.015
+"""m from the object, in the table's plane, beyond which a path gives little information."""
 _TABLE_BAND = 0.015
 """m from the table's plane within which a pixel beside the object shows the table."""
-_OCCLUDERS = 0.06
-"""m beyond the path's reach that are looked at for things that cast a shadow."""
-_SMOOTHED = 5
-"""Perimeter pixels averaged: depth noise would make the path zigzag."""
+_OCCLUDER_MARGIN = 0.06
+"""m beyond the path's reach within which things may occlude the surface below the path."""
+_SMOOTHING_WINDOW = 5
+"""Number of perimeter pixels that are averaged, so that depth noise does not make the path zigzag."""
 _MAX_STEPS = 4000
-"""Pixels, and then places, along one perimeter that are looked at."""
+"""Upper limit of the pixels, and then of the points, along one perimeter."""
 _WAYPOINT_SPACING = 0.006
 _MAX_WAYPOINTS = 180
 _HEIGHT_STEP = 0.001
-"""m: heights are rounded up to it, so that a flat top is flown over level."""
+"""m: heights are rounded up to multiples of it, so that the path over a flat top is level."""
 _SPEED_MARGIN = 0.999
-"""Share of the speed limit that is used, so that rounded numbers keep the limit too."""
+"""Share of the speed limit that is used, so that rounding does not exceed it."""
 
 
 def plan_paths(
@@ -45,48 +45,47 @@ def plan_paths(
 ) -> list[Trajectory | None]:
     """A path of the fingertip along each rectangle's perimeter.
 
-    Over the ground the path follows the surface points that the perimeter's pixels show, as presently corrected, in
-    straight lines over pixels that show neither object nor table and over depth jumps; stretches far from the object
-    are cut off. Its height keeps clear of all that the camera saw or cannot have seen (`envelope`).
+    Seen from above, the path follows the surface points of the perimeter's pixels, corrected by the present estimate.
+    It crosses depth jumps, and pixels that show neither object nor table, in straight lines; the parts far from the
+    object are cut off. Its height clears everything that the camera saw or that may be hidden from it (`envelope`).
 
     Args:
         scene: the view; `rectangles` are in its pixels.
-        estimate: the present one.
-        margins: how far the tip keeps from what the estimate leaves uncertain.
+        margins: the distance that the tip keeps from the surface.
 
     Returns:
-        For each rectangle tip poses in base, the beam opposite to the corrected table's normal, from t = 0 on; None
-        where the perimeter never comes over the object.
+        For each rectangle the tip's poses in base from t = 0 on, the beam opposite to the corrected table's normal;
+        None where the perimeter does not cross the object.
     """
     base_T_table = scene.table.frame()
     points = base_T_table.inverse().apply(scene.organised)
-    reach = _reach(points[scene.mask], base_T_table, estimate, margins)
-    surface = height_map(scene, _WORTHWHILE + reach + _OCCLUDERS)
-    floor = lowest_tip(surface, estimate, reach + 2 * surface.cell, settings.standoff, margins)
+    reach = _compute_path_reach(points[scene.mask], base_T_table, estimate, margins)
+    surface = build_height_map(scene, _MAX_OBJECT_DISTANCE + reach + _OCCLUDER_MARGIN)
+    floor = compute_tip_floor(surface, estimate, reach + 2 * surface.cell, settings.standoff, margins)
     shown = (scene.depth.metres > 0) & (scene.mask | (np.abs(points[..., 2]) < _TABLE_BAND))
     base_T_map = estimate.base_T_correction @ base_T_table
-    grounds = [_ground_path(rectangle, points[..., :2], shown, surface) for rectangle in rectangles]
+    grounds = [_trace_ground_path(rectangle, points[..., :2], shown, surface) for rectangle in rectangles]
     return [
-        None if ground is None else _timed(_raised(ground, floor, surface), base_T_map, settings.speed)
+        None if ground is None else _time_path(_raise_to_floor(ground, floor, surface), base_T_map, settings.speed)
         for ground in grounds
     ]
 
 
-def _reach(body: Array, base_T_table: Pose, estimate: Estimate, margins: Margins) -> float:
-    """m around the beam that heights count; `body` (n, 3), m, the object's points in the table's frame."""
-    low, high = body.min(axis=0) - _WORTHWHILE, body.max(axis=0) + _WORTHWHILE
+def _compute_path_reach(body: Array, base_T_table: Pose, estimate: Estimate, margins: Margins) -> float:
+    """m around the beam within which heights count; `body` (n, 3), m: the object's points in the table's frame."""
+    low, high = body.min(axis=0) - _MAX_OBJECT_DISTANCE, body.max(axis=0) + _MAX_OBJECT_DISTANCE
     corners = np.stack(np.meshgrid(*np.stack([low, high], axis=1)), axis=-1).reshape(-1, 3)
     arms = corners - base_T_table.inverse().apply(estimate.centroid)
-    return reach_of(lateral_std(table_covariance(base_T_table, estimate), arms), margins)
+    return compute_reach(lateral_std(table_covariance(base_T_table, estimate), arms), margins)
 
 
-def _ground_path(
+def _trace_ground_path(
     rectangle: RotatedRectangle, places: Array, shown: NDArray[np.bool_], surface: HeightMap
 ) -> Array | None:
-    """The perimeter's useful part over the ground: (n, 2), m, in the table's frame, evenly spaced.
+    """The useful part of the perimeter seen from above: (n, 2), m, in the table's frame, evenly spaced.
 
     Args:
-        places: (h, w, 2), m: what lies at each pixel, seen from above.
+        places: (h, w, 2), m: each pixel's point, seen from above.
         shown: (h, w): pixels that show object or table.
     """
     spacing = max(1.0, 2 * (rectangle.w + rectangle.h) / _MAX_STEPS)
@@ -100,28 +99,28 @@ def _ground_path(
     steps = np.arange(len(pixels))
     corners = places[v[known], u[known]]
     loop = np.stack([np.interp(steps, known, corners[:, k], period=len(steps)) for k in (0, 1)], axis=1)
-    loop = ndimage.uniform_filter1d(loop, _SMOOTHED, axis=0, mode="wrap")
-    loop = _evenly(np.concatenate([loop, loop[:1]]), surface.cell, _MAX_STEPS)[:-1]
+    loop = ndimage.uniform_filter1d(loop, _SMOOTHING_WINDOW, axis=0, mode="wrap")
+    loop = _resample(np.concatenate([loop, loop[:1]]), surface.cell, _MAX_STEPS)[:-1]
     away = surface.object_distance[surface.index(loop)]
     if away.min() > 2 * surface.cell:
         return None
-    line = _opened(loop, away <= _WORTHWHILE)
-    path = _evenly(line, _WAYPOINT_SPACING, _MAX_WAYPOINTS)
+    line = _cut_open(loop, away <= _MAX_OBJECT_DISTANCE)
+    path = _resample(line, _WAYPOINT_SPACING, _MAX_WAYPOINTS)
     return path if len(path) > 2 else None
 
 
-def _evenly(line: Array, spacing: float, most: int) -> Array:
-    """Points (n, 2) along a polyline (m, 2), `spacing` m apart or a little less; further where they were > `most`."""
+def _resample(line: Array, spacing: float, most: int) -> Array:
+    """At most `most` + 1 evenly spaced points (n, 2) along a polyline (m, 2), at most `spacing` m apart if possible."""
     travelled = np.insert(np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)), 0, 0.0)
     count = int(np.clip(np.ceil(travelled[-1] / spacing), 1, most))
     at = np.linspace(0.0, travelled[-1], count + 1)
     return np.stack([np.interp(at, travelled, line[:, k]) for k in (0, 1)], axis=1)
 
 
-def _opened(loop: Array, near: NDArray[np.bool_]) -> Array:
-    """The loop's points (m, 2) that are `near`, in order, from behind the widest gap on; all of it, closed, if all are.
+def _cut_open(loop: Array, near: NDArray[np.bool_]) -> Array:
+    """The `near` points of a loop (m, 2), starting after the widest gap; the closed loop if all points are near.
 
-    Gaps are crossed straight.
+    The other gaps are crossed in straight lines.
     """
     starts = np.flatnonzero(near & ~np.roll(near, 1))
     if len(starts) == 0:
@@ -132,8 +131,8 @@ def _opened(loop: Array, near: NDArray[np.bool_]) -> Array:
     return np.roll(loop, -first, axis=0)[np.roll(near, -first)]
 
 
-def _raised(ground: Array, floor: Array, surface: HeightMap) -> Array:
-    """The path (n, 3), m, in the table's frame: over `ground` (n, 2), its straight lines nowhere below `floor`."""
+def _raise_to_floor(ground: Array, floor: Array, surface: HeightMap) -> Array:
+    """The path (n, 3), m, in the table's frame: above `ground` (n, 2), and nowhere below `floor` between its points."""
     longest = float(np.linalg.norm(np.diff(ground, axis=0), axis=1).max())
     shares = np.linspace(0.0, 1.0, int(np.ceil(longest / surface.cell)) + 1)[:, None, None]
     lines = floor[surface.index((1 - shares) * ground[:-1] + shares * ground[1:])].max(axis=0)
@@ -141,8 +140,8 @@ def _raised(ground: Array, floor: Array, surface: HeightMap) -> Array:
     return np.column_stack([ground, np.ceil(heights / _HEIGHT_STEP) * _HEIGHT_STEP])
 
 
-def _timed(nodes: Array, base_T_map: Pose, speed: float) -> Trajectory:
-    """The path through `nodes` (n, 3), m, in the map's frame, as fast as allowed; the beam against the map's z."""
+def _time_path(nodes: Array, base_T_map: Pose, speed: float) -> Trajectory:
+    """The fastest allowed path through `nodes` (n, 3), m, in the map's frame, with the beam opposite to the map's z."""
     lengths = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     moved = np.insert(lengths > 1e-6, 0, True)
     poses = np.tile(np.eye(4), (int(moved.sum()), 1, 1))

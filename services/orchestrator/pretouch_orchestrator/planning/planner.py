@@ -1,4 +1,4 @@
-"""Which region to scan next."""
+"""Chooses the region to scan next."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pretouch.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A region that could be scanned next, its expected error predicted.
+    """A region that could be scanned next, with its predicted expected error.
 
     Attributes:
-        path: the path that would do it.
-        share: what part of what is left of its scarcest budget it would use, at most 1.
+        path: the path of its scan.
+        share: what the scan would use of what is left of its scarcest budget, at most 1.
     """
 
     region: Region
@@ -28,11 +28,11 @@ class Candidate:
 def choose(candidates: Sequence[Candidate], planner: Planner, present_error: float) -> Candidate | None:
     """The best candidate; None when there is none.
 
-    `information`: the fastest fall of the expected error, as a logarithm, for its share of the budget: what is left
-    must last until the tolerance is met. `confidence`: the proposer's order.
+    `information` maximises the predicted decrease of the log expected error per share of the remaining budget.
+    `confidence` follows the proposer's own scores.
 
     Args:
-        present_error: m, the estimate's expected error without another scan.
+        present_error: m, the present estimate's expected error.
     """
     if planner is Planner.CONFIDENCE:
         return max(candidates, key=lambda candidate: candidate.region.confidence, default=None)

@@ -1,4 +1,4 @@
-"""What stands before every REST route: the token, and a line in log and metrics."""
+"""Admission of REST requests: checks the token, and logs and counts every request."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from pretouch_orchestrator.rest.problems import problem_response
 OPEN_PATHS = ("/healthz", "/readyz")
 """Paths that need no token."""
 _QUIET_PATHS = (*OPEN_PATHS, "/metrics")
-"""Paths that machines ask for every few seconds: not in the log."""
+"""Paths that are polled every few seconds and therefore not logged."""
 
 
-class Admission:
-    """Lets a request through to `app` if it carries the token, and counts it."""
+class AdmissionMiddleware:
+    """Passes requests that carry the token to `app`, and logs and counts all of them."""
 
     def __init__(self, app: ASGIApp, context: ServiceContext) -> None:
         self._app = app
@@ -34,7 +34,7 @@ class Admission:
         began = time.perf_counter()
         status = 0
 
-        async def send_noting(message: Message) -> None:
+        async def send_and_note_status(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
@@ -42,7 +42,7 @@ class Admission:
 
         try:
             app = self._app if self._admits(scope) else problem_response(_refusal(scope))
-            await app(scope, receive, send_noting)
+            await app(scope, receive, send_and_note_status)
         finally:
             seconds = time.perf_counter() - began
             route = getattr(scope.get("route"), "path", "none")

@@ -1,4 +1,4 @@
-"""The REST contract over the sessions' use cases."""
+"""The REST contract: routes over the session manager."""
 
 from __future__ import annotations
 
@@ -18,54 +18,53 @@ from pretouch.errors import Conflict, InvalidInput, Malformed
 from pretouch.serving import ServiceContext
 from pretouch.session import SessionRequest, Submission
 from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
-from pretouch_orchestrator.rest import models as documents
-from pretouch_orchestrator.rest import openapi
-from pretouch_orchestrator.rest.admission import Admission
+from pretouch_orchestrator.rest import models, openapi
+from pretouch_orchestrator.rest.admission import AdmissionMiddleware
 from pretouch_orchestrator.rest.bodies import json_from_bytes, read_json, read_parts
 from pretouch_orchestrator.rest.body_limit import BodyLimit
-from pretouch_orchestrator.rest.docs_page import docs_page
+from pretouch_orchestrator.rest.docs_page import render_docs_page
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
-from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, LARGEST_PAGE, LONGEST_KEY, Sessions
+from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, MAX_KEY, MAX_PAGE, SessionManager
 
 HEARTBEAT = 15.0
-"""s of silence on a stream of events before a comment."""
+"""s without an event after which a comment is sent on an event stream."""
 _DESCRIPTION = (
     "Corrects an object's pose with a range sensor in the fingertip. Metres, radians, seconds; `a_T_b` maps a point "
     "in b to a; quaternions are x, y, z, w. Every error is an RFC 9457 problem document that says what to do."
 )
 
 
-def rest_app(sessions: Sessions, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> FastAPI:
-    """The application; `check` raises `Unavailable` while the store or another service is not well."""
+def create_rest_app(sessions: SessionManager, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> FastAPI:
+    """The application; `check` raises `Unavailable` while the store or an upstream service is not available."""
     app = FastAPI(title="pretouch", description=_DESCRIPTION, docs_url=None, redoc_url=None, redirect_slashes=False)
-    app.add_middleware(Admission, context=context)
+    app.add_middleware(AdmissionMiddleware, context=context)
     app.add_middleware(BodyLimit)
     answer_errors_as_problems(app, context)
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
     _add_service_routes(app, context, check)
-    openapi.describe(app, token=context.settings.token is not None)
+    openapi.install_document(app, token=context.settings.token is not None)
     return app
 
 
-def _add_session_routes(app: FastAPI, sessions: Sessions, context: ServiceContext) -> None:
+def _add_session_routes(app: FastAPI, sessions: SessionManager, context: ServiceContext) -> None:
     @app.post(
         "/v1/sessions",
         status_code=201,
         summary="Open a session",
         responses=openapi.responses(
-            201, openapi.answer(documents.Session, "The new session."), 400, 401, 409, 413, 415, 422, 429, 503, 504
+            201, openapi.json_response(models.Session, "The new session."), 400, 401, 409, 413, 415, 422, 429, 503, 504
         ),
         openapi_extra=openapi.creation_body(),
     )
     async def create_session(
-        request: Request, idempotency_key: Annotated[str, Header(alias="Idempotency-Key", max_length=LONGEST_KEY)] = ""
+        request: Request, idempotency_key: Annotated[str, Header(alias="Idempotency-Key", max_length=MAX_KEY)] = ""
     ) -> Response:
-        """A depth image goes in; regions, the first estimate and the first scan's path come back.
+        """Takes a depth image; returns regions, the first estimate and the path of the first scan.
 
-        The same `Idempotency-Key` with the same request answers the session that the first call made.
+        Repeating a request with the same `Idempotency-Key` returns the session that the first call created.
         """
-        wanted, values, mask = await context.run_in_thread(_creation, await read_parts(request))
+        wanted, values, mask = await context.run_in_thread(_decode_creation, await read_parts(request))
         session = await sessions.create(wanted, values, mask, idempotency_key or None)
         return JSONResponse(session_to_json(session), 201, {"Location": f"/v1/sessions/{session.id}"})
 
@@ -73,25 +72,25 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, context: ServiceContex
         "/v1/sessions",
         summary="List sessions",
         responses=openapi.responses(
-            200, openapi.answer(documents.SessionList, "The newest first."), 401, 422, 429, 503
+            200, openapi.json_response(models.SessionList, "The newest first."), 401, 422, 429, 503
         ),
     )
     async def list_sessions(
-        limit: Annotated[int, Query(ge=1, le=LARGEST_PAGE)] = DEFAULT_PAGE,
+        limit: Annotated[int, Query(ge=1, le=MAX_PAGE)] = DEFAULT_PAGE,
         cursor: Annotated[str, Query(pattern=r"^\d{0,18}$", description="`next` of the page before.")] = "",
     ) -> Response:
-        """All sessions of this orchestrator, in pages."""
-        page, following = await sessions.page(limit, cursor)
-        documents = await context.run_in_thread(lambda: [session_to_json(session) for session in page])
-        return JSONResponse({"sessions": documents, "next": following or None})
+        """Lists all sessions of this orchestrator in pages."""
+        page, following = await sessions.list_page(limit, cursor)
+        page_json = await context.run_in_thread(lambda: [session_to_json(session) for session in page])
+        return JSONResponse({"sessions": page_json, "next": following or None})
 
     @app.get(
         "/v1/sessions/{session_id}",
         summary="Look at a session",
-        responses=openapi.responses(200, openapi.answer(documents.Session, "The session."), 401, 404, 503),
+        responses=openapi.responses(200, openapi.json_response(models.Session, "The session."), 401, 404, 503),
     )
     async def get_session(session_id: str) -> Response:
-        """Where the session stands."""
+        """Returns the session's present state."""
         return JSONResponse(session_to_json(await sessions.get(session_id)))
 
     @app.delete(
@@ -101,17 +100,17 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, context: ServiceContex
         responses=openapi.responses(204, {"description": "It has ended."}, 401, 404, 503),
     )
     async def cancel_session(session_id: str) -> Response:
-        """Ends the session; one that has ended keeps its state."""
+        """Cancels the session; one that has already ended keeps its state."""
         await sessions.cancel(session_id)
         return Response(status_code=204)
 
     @app.get(
         "/v1/sessions/{session_id}/next-scan",
         summary="Get the next scan's path",
-        responses=openapi.responses(200, openapi.answer(documents.ScanPlan, "The path."), 401, 404, 409, 503),
+        responses=openapi.responses(200, openapi.json_response(models.ScanPlan, "The path."), 401, 404, 409, 503),
     )
     async def next_scan(session_id: str) -> Response:
-        """The path that the fingertip should follow next."""
+        """Returns the path that the fingertip should follow next."""
         session = await sessions.get(session_id)
         if session.next_scan is None:
             raise Conflict(
@@ -124,7 +123,7 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, context: ServiceContex
         summary="Submit a scan",
         responses=openapi.responses(
             200,
-            openapi.answer(documents.Session, "The session after the scan."),
+            openapi.json_response(models.Session, "The session after the scan."),
             400,
             401,
             404,
@@ -139,15 +138,15 @@ def _add_session_routes(app: FastAPI, sessions: Sessions, context: ServiceContex
         openapi_extra=openapi.submission_body(),
     )
     async def submit_scan(request: Request, session_id: str, scan_id: str) -> Response:
-        """What the finger measured along the planned path. The same scan again answers the present session."""
-        session = await sessions.answered(session_id, scan_id)
+        """Takes what the finger measured along the planned path. Repeating a scan returns the present session."""
+        session = await sessions.find_answered(session_id, scan_id)
         if session is None:
-            submission = await context.run_in_thread(_submission, await read_json(request))
+            submission = await context.run_in_thread(_decode_submission, await read_json(request))
             session = await sessions.submit(session_id, scan_id, submission)
         return JSONResponse(session_to_json(session))
 
 
-def _creation(
+def _decode_creation(
     parts: dict[str, bytes],
 ) -> tuple[SessionRequest, NDArray[np.generic], NDArray[np.generic] | None]:
     request = request_from_json(json_from_bytes(parts["request"], "The part 'request'"))
@@ -160,33 +159,35 @@ def _creation(
     return request, values, mask
 
 
-def _submission(body: bytes) -> Submission:
+def _decode_submission(body: bytes) -> Submission:
     return submission_from_json(json_from_bytes(body, "The body"))
 
 
-def _add_event_route(app: FastAPI, sessions: Sessions) -> None:
+def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
+    event_stream = openapi.text_response("text/event-stream", "Server-sent events.")
+
     @app.get(
         "/v1/sessions/{session_id}/events",
         response_class=StreamingResponse,
         summary="Follow a session",
-        responses=openapi.responses(200, openapi.text("text/event-stream", "Server-sent events."), 400, 401, 404, 503),
+        responses=openapi.responses(200, event_stream, 400, 401, 404, 503),
     )
     async def follow_session(
         session_id: str,
         last_event_id: Annotated[str, Header(alias="Last-Event-ID", description="Only events after this one.")] = "",
     ) -> Response:
-        """Events `session`, `scan`, `estimate` and `end` from the session's start, until its end."""
+        """Streams the events `session`, `scan`, `estimate` and `end`, from the session's start to its end."""
         if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
             raise Malformed(f"Last-Event-ID is {last_event_id!r:.80}.", "Send the id of an event of this session.")
         await sessions.get(session_id)
         return StreamingResponse(
-            _stream(sessions, session_id, int(last_event_id or 0)),
+            _stream_events(sessions, session_id, int(last_event_id or 0)),
             media_type="text/event-stream",
             headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
         )
 
 
-async def _stream(sessions: Sessions, session_id: str, after: int) -> AsyncIterator[str]:
+async def _stream_events(sessions: SessionManager, session_id: str, after: int) -> AsyncIterator[str]:
     async with aclosing(sessions.follow(session_id, after, HEARTBEAT)) as events:
         async for event in events:
             if event is None:
@@ -199,7 +200,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
     @app.get(
         "/healthz",
         summary="Is it alive?",
-        responses=openapi.responses(200, openapi.answer(documents.Health, "It answers.")),
+        responses=openapi.responses(200, openapi.json_response(models.Health, "It answers.")),
     )
     async def alive() -> dict[str, Any]:
         """The service answers."""
@@ -208,10 +209,10 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
     @app.get(
         "/readyz",
         summary="Is it ready?",
-        responses=openapi.responses(200, openapi.answer(documents.Health, "It can serve sessions."), 503),
+        responses=openapi.responses(200, openapi.json_response(models.Health, "It can serve sessions."), 503),
     )
     async def ready() -> dict[str, Any]:
-        """The store can be written, and the services behind it are well."""
+        """The store is writable, and the upstream services are ready."""
         await check()
         return {"status": "ready"}
 
@@ -219,18 +220,18 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
         "/metrics",
         response_class=PlainTextResponse,
         summary="Metrics",
-        responses=openapi.responses(200, openapi.text("text/plain", "Prometheus text.")),
+        responses=openapi.responses(200, openapi.text_response("text/plain", "Prometheus text.")),
     )
     async def metrics() -> Response:
-        """For Prometheus."""
+        """Returns the metrics in the text format of Prometheus."""
         return Response(generate_latest(context.metrics.registry), media_type=CONTENT_TYPE_LATEST)
 
     @app.get(
         "/docs",
         response_class=HTMLResponse,
         summary="This API's description",
-        responses=openapi.responses(200, openapi.text("text/html", "A page.")),
+        responses=openapi.responses(200, openapi.text_response("text/html", "A page.")),
     )
     async def docs() -> Response:
-        """The OpenAPI document as a page that needs nothing from elsewhere."""
-        return HTMLResponse(docs_page(app.openapi()))
+        """Shows the OpenAPI document as a self-contained page."""
+        return HTMLResponse(render_docs_page(app.openapi()))

@@ -1,4 +1,4 @@
-"""Request bodies: the parts of a multipart form, and JSON read strictly."""
+"""Reads request bodies: multipart forms, and strict JSON."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ PARTS: dict[str, tuple[str, ...]] = {
     "depth": ("image/png", "application/octet-stream", "application/x-npy"),
     "mask": ("image/png", "application/octet-stream"),
 }
-"""The parts of a session's creation and the types that each may declare; curl's default, none at all, is fine too."""
+"""The parts of a session's creation and the media types that each may declare; as with curl, it may declare none."""
 
 
 def json_from_bytes(data: bytes, name: str) -> Any:
-    """The JSON document `data`.
+    """Parses a JSON document.
 
     Raises:
-        Malformed: not JSON in UTF-8, nested beyond reason, or with NaN, Infinity, a number beyond a double's reach or a
+        Malformed: not JSON in UTF-8, nested too deeply, or with NaN, Infinity, a number out of a double's range or a
             lone surrogate, none of which is JSON.
     """
     try:
@@ -48,10 +48,10 @@ def _refuse_constant(constant: str) -> NoReturn:
 
 
 async def read_json(request: Request) -> bytes:
-    """The body of a request that must say it is JSON.
+    """The body of a request whose content type must be JSON.
 
     Raises:
-        UnsupportedMedia: it says something else, or nothing.
+        UnsupportedMedia: another content type, or none.
     """
     media_type = _media_type(request.headers.get("content-type", ""))
     if media_type != "application/json":
@@ -68,9 +68,9 @@ async def read_parts(request: Request) -> dict[str, bytes]:
     """The parts of a multipart form by name: `request` and `depth`, and `mask` if it came.
 
     Raises:
-        UnsupportedMedia: no multipart form, or a part that declares a type which is not its own.
-        Malformed: a form that cannot be taken apart.
-        InvalidInput: a part that is missing, unknown or there twice.
+        UnsupportedMedia: no multipart form, or a part with a media type that is not accepted.
+        Malformed: a form that cannot be parsed.
+        InvalidInput: a part that is missing, unknown or repeated.
     """
     content_type = request.headers.get("content-type", "")
     if _media_type(content_type) != "multipart/form-data":
@@ -79,11 +79,11 @@ async def read_parts(request: Request) -> dict[str, bytes]:
             "Send `multipart/form-data` with the parts request, depth and, if you have one, mask.",
         )
     parts: dict[str, bytes] = {}
-    for name, value, declared in await _items(request, content_type):
+    for name, value, declared in await _read_items(request, content_type):
         if name not in PARTS:
             raise InvalidInput(f"The part {name!r:.80} is not known.", f"Send only {', '.join(PARTS)}.")
         if name in parts:
-            raise InvalidInput(f"The part {name!r} is there twice.", "Send each part once.")
+            raise InvalidInput(f"The part {name!r} is repeated.", "Send each part once.")
         if declared and _media_type(declared) not in PARTS[name]:
             raise UnsupportedMedia(
                 f"The part {name!r} is declared as {declared!r:.80}.", f"Send it as {' or '.join(PARTS[name])}."
@@ -95,9 +95,9 @@ async def read_parts(request: Request) -> dict[str, bytes]:
     return parts
 
 
-async def _items(request: Request, content_type: str) -> list[tuple[str, bytes, str]]:
-    """Name, bytes and declared type of each part."""
-    form = await _form(request, content_type)
+async def _read_items(request: Request, content_type: str) -> list[tuple[str, bytes, str]]:
+    """Name, bytes and declared media type of each part."""
+    form = await _parse_form(request, content_type)
     try:
         return [
             (name, value.encode("latin-1"), "")
@@ -109,9 +109,9 @@ async def _items(request: Request, content_type: str) -> list[tuple[str, bytes, 
         await form.close()
 
 
-async def _form(request: Request, content_type: str) -> FormData:
-    # Latin-1 maps bytes to characters one to one, so that a part without a file name gets back to its bytes.
-    headers = Headers({"content-type": f"{_boundary_only(content_type)}; charset=latin-1"})
+async def _parse_form(request: Request, content_type: str) -> FormData:
+    # Latin-1 maps bytes to characters one to one, so that the bytes of a part without a file name can be recovered.
+    headers = Headers({"content-type": f"{_strip_charset(content_type)}; charset=latin-1"})
     parser = MultiPartParser(headers, request.stream(), max_files=8, max_fields=8, max_part_size=MAX_BODY)
     try:
         return await parser.parse()
@@ -127,7 +127,7 @@ def _cut_off() -> Malformed:
     return Malformed("The body was cut off.", "Send it again.")
 
 
-def _boundary_only(content_type: str) -> str:
+def _strip_charset(content_type: str) -> str:
     kept = [part for part in content_type.split(";") if not part.strip().lower().startswith("charset=")]
     return ";".join(kept)
 

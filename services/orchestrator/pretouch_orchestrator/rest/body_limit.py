@@ -1,4 +1,4 @@
-"""Bodies that are too large are refused while they are read, and their senders get to hear why."""
+"""Refuses bodies that are too large while they are read, in a way that lets the client receive the answer."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pretouch.errors import TooLarge
 from pretouch_orchestrator.rest.bodies import MAX_BODY
 
 _LINGER_BYTES, _LINGER_SECONDS = 2 * MAX_BODY, 2.0
-"""How much of a refused body is read and dropped before the connection is closed: a sender that is closed upon while it
-writes may lose the answer."""
+"""How much of a refused body is read and dropped before the connection is closed: a client whose connection closes
+while it still writes may lose the answer."""
 
 
 class BodyLimit:
-    """Passes bodies of up to MAX_BODY bytes to `app`; for a larger one, announced or not, the answer is 413."""
+    """Passes bodies of up to MAX_BODY bytes to `app`, and answers larger ones with 413, announced or not."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -30,7 +30,7 @@ class BodyLimit:
         too_large = length.isdigit() and int(length) > MAX_BODY
         body = _Body(receive, too_large=too_large)
         if too_large or b"transfer-encoding" in headers:
-            # A client that waits for "100 Continue" has sent nothing yet, and reading would ask for it.
+            # A client that waits for "100 Continue" has sent nothing yet, and reading would request the body.
             send = _Lingering(send, body, read_on=b"expect" not in headers)
         await self._app(scope, body, send)
 
@@ -51,7 +51,7 @@ class _Body:
         return message
 
     async def drop(self) -> None:
-        """Reads on for a while."""
+        """Reads and drops more of the body for a limited time."""
         self._left = _LINGER_BYTES
         with suppress(TimeoutError):
             async with asyncio.timeout(_LINGER_SECONDS):
@@ -66,7 +66,7 @@ class _Body:
 
 
 class _Lingering:
-    """Sends an answer; an error that comes before the body's end closes the connection, but not at once."""
+    """Sends an answer. An error before the body's end closes the connection, after dropping some of the body."""
 
     def __init__(self, send: Send, body: _Body, *, read_on: bool) -> None:
         self._send = send

@@ -1,4 +1,4 @@
-"""The OpenAPI document as one page of HTML for people. It loads nothing from elsewhere: robots' networks are closed."""
+"""Renders the OpenAPI document as a self-contained HTML page, because robots often have no internet access."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ h2 { font-size: 1.1rem; }
 """
 
 
-def docs_page(document: dict[str, Any]) -> str:
-    """The page."""
+def render_docs_page(document: dict[str, Any]) -> str:
+    """The page of an OpenAPI document."""
     info = document["info"]
     operations = "".join(
-        _operation(method, path, operation)
+        _render_operation(method, path, operation)
         for path, methods in document["paths"].items()
         for method, operation in methods.items()
     )
-    schemas = "".join(_schema(name, schema) for name, schema in document["components"]["schemas"].items())
+    schemas = "".join(_render_schema(name, schema) for name, schema in document["components"]["schemas"].items())
     return (
         f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{escape(info['title'])} API</title>"
         f"<meta name='viewport' content='width=device-width'><style>{_STYLE}</style>"
@@ -35,17 +35,17 @@ def docs_page(document: dict[str, Any]) -> str:
     )
 
 
-def _operation(method: str, path: str, operation: dict[str, Any]) -> str:
+def _render_operation(method: str, path: str, operation: dict[str, Any]) -> str:
     parameters = "".join(
-        _row(f"{parameter['name']} ({parameter['in']})", parameter.get("description", ""))
+        _render_row(f"{parameter['name']} ({parameter['in']})", parameter.get("description", ""))
         for parameter in operation.get("parameters", ())
     )
     body = "".join(
-        _row(f"body {media_type}", _named(content["schema"]))
+        _render_row(f"body {media_type}", _describe_schema(content["schema"]))
         for media_type, content in operation.get("requestBody", {}).get("content", {}).items()
     )
     responses = "".join(
-        _row(status, f"{response['description']} {_contents(response)}")
+        _render_row(status, f"{response['description']} {_describe_contents(response)}")
         for status, response in operation["responses"].items()
     )
     return (
@@ -55,24 +55,25 @@ def _operation(method: str, path: str, operation: dict[str, Any]) -> str:
     )
 
 
-def _contents(response: dict[str, Any]) -> str:
+def _describe_contents(response: dict[str, Any]) -> str:
     return ", ".join(
-        f"{media_type}: {_named(content['schema'])}" for media_type, content in response.get("content", {}).items()
+        f"{media_type}: {_describe_schema(content['schema'])}"
+        for media_type, content in response.get("content", {}).items()
     )
 
 
-def _named(schema: dict[str, Any]) -> str:
+def _describe_schema(schema: dict[str, Any]) -> str:
     if "$ref" in schema:
         return str(schema["$ref"]).rpartition("/")[2]
     if "properties" in schema:
-        return ", ".join(f"{name}: {_named(member)}" for name, member in schema["properties"].items())
+        return ", ".join(f"{name}: {_describe_schema(member)}" for name, member in schema["properties"].items())
     return str(schema.get("format") or schema.get("type", ""))
 
 
-def _row(name: str, meaning: str) -> str:
+def _render_row(name: str, meaning: str) -> str:
     return f"<tr><td><code>{escape(name)}</code></td><td>{escape(meaning)}</td></tr>"
 
 
-def _schema(name: str, schema: dict[str, Any]) -> str:
+def _render_schema(name: str, schema: dict[str, Any]) -> str:
     text = escape(json.dumps(schema, indent=2))
     return f"<details><summary><code>{escape(name)}</code></summary><pre>{text}</pre></details>"

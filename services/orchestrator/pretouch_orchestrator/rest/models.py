@@ -1,4 +1,4 @@
-"""The REST contract's documents, for the OpenAPI description; the wire module reads and writes them."""
+"""Models of the REST contract's JSON documents, for OpenAPI only: `pretouch.wire.json` parses and writes them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Positive = Annotated[float, Field(gt=0)]
 _TOLERANCE, _BUDGET, _SCAN = domain.Tolerance(), domain.Budget(), domain.ScanSettings()
 
 
-def _absent(description: str) -> Any:
-    """A member that may be left out, but not sent as null."""
+def _optional(description: str) -> Any:
+    """A member that may be left out, but must not be null."""
     return Field(None, description=description, json_schema_extra=_without_default)
 
 
@@ -26,13 +26,13 @@ def _without_default(schema: dict[str, Any]) -> None:
     del schema["default"]
 
 
-class _Sent(BaseModel):
-    """What a client sends has no member but these."""
+class _Strict(BaseModel):
+    """A document sent by clients: other members than these are refused."""
 
     model_config = ConfigDict(extra="forbid")
 
 
-class Pose(_Sent):
+class Pose(_Strict):
     """A rigid transform `a_T_b`: maps a point in b to a."""
 
     translation: Vector3 = Field(description="Metres.", examples=[[0.45, 0.0, 0.3]])
@@ -41,7 +41,7 @@ class Pose(_Sent):
     )
 
 
-class Camera(_Sent):
+class Camera(_Strict):
     """Pinhole intrinsics of the depth image; pixel centres at integers, no distortion."""
 
     fx: Positive = Field(description="Pixels.", examples=[525.0])
@@ -53,38 +53,38 @@ class Camera(_Sent):
     )
 
 
-class Table(_Sent):
+class Table(_Strict):
     """The table in base: all p with normal . p = offset."""
 
     normal: Vector3 = Field(description="Unit, away from the table.", examples=[[0.0, 0.0, 1.0]])
     offset: float = Field(description="Metres.", examples=[0.0])
 
 
-class Prior(_Sent):
+class Prior(_Strict):
     """How wrong the camera's calibration may be, about the object's centroid."""
 
     translation_std: Annotated[float, Field(ge=1e-6, le=1)] = Field(0.0115, description="Metres, per base axis.")
     rotation_std: Annotated[float, Field(ge=1e-6, le=1)] = Field(0.05, description="Radians, per base axis.")
 
 
-class Tolerance(_Sent):
+class Tolerance(_Strict):
     """Converged: the `confidence` quantile of the mean point error is at most `error`, and the samples explained."""
 
     error: Annotated[float, Field(gt=0, le=1)] = Field(_TOLERANCE.error, description="Metres.")
     confidence: Annotated[float, Field(gt=0, le=0.9999)] = Field(_TOLERANCE.confidence)
 
 
-class Budget(_Sent):
+class Budget(_Strict):
     """What the session may spend; a scan that would exceed it is not planned."""
 
     scans: Annotated[int, Field(ge=1, le=1000)] = Field(_BUDGET.scans)
     seconds: Annotated[float, Field(gt=0, le=1e6)] = Field(_BUDGET.seconds, description="Robot seconds.")
     fraction: Annotated[float, Field(gt=0, le=1)] = Field(
-        _BUDGET.fraction, description="Share of the object's visible cloud within 5 mm of a returned point."
+        _BUDGET.fraction, description="Share of the object's visible cloud within 5 mm of a returned sample's point."
     )
 
 
-class Sensor(_Sent):
+class Sensor(_Strict):
     """The fingertip's range sensor."""
 
     range_min: Annotated[float, Field(ge=0, lt=10)] = Field(0.01, description="Metres along the beam.")
@@ -92,34 +92,34 @@ class Sensor(_Sent):
     range_std: Annotated[float, Field(gt=0, le=0.1)] = Field(0.0015, description="Metres.")
     beam_half_angle: Annotated[float, Field(ge=0, lt=0.785)] = Field(0.0, description="Radians; 0 is a thin beam.")
     rate: Annotated[float, Field(gt=0, le=10_000)] = Field(30.0, description="Samples per second of each module.")
-    tip_T_module: Annotated[list[Pose], Field(min_length=1, max_length=256)] | SkipJsonSchema[None] = _absent(
+    tip_T_module: Annotated[list[Pose], Field(min_length=1, max_length=256)] | SkipJsonSchema[None] = _optional(
         "Pose of each module in the tip frame, z along its beam; left out: one module at the tip."
     )
 
 
-class ScanSettings(_Sent):
+class ScanSettings(_Strict):
     """How the finger moves."""
 
     standoff: Annotated[float, Field(gt=0, le=1)] = Field(_SCAN.standoff, description="Metres above the surface.")
     speed: Annotated[float, Field(gt=0, le=10)] = Field(_SCAN.speed, description="Metres per second at most.")
 
 
-class SessionRequest(_Sent):
-    """What a session is asked to do."""
+class SessionRequest(_Strict):
+    """What a client requests of a session."""
 
     camera: Camera
     base_T_camera: Pose = Field(description="Extrinsics as believed; camera frame x right, y down, z forward.")
-    roi: Annotated[list[Pixel], Field(min_length=4, max_length=4)] | SkipJsonSchema[None] = _absent(
+    roi: Annotated[list[Pixel], Field(min_length=4, max_length=4)] | SkipJsonSchema[None] = _optional(
         "[u0, v0, u1, v1], half-open; with a mask, their intersection."
     )
-    table: Table | SkipJsonSchema[None] = _absent("Left out: estimated.")
-    base_T_object: Pose | SkipJsonSchema[None] = _absent("An object pose to correct along.")
-    prior: Prior | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    tolerance: Tolerance | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    budget: Budget | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    sensor: Sensor | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    scan: ScanSettings | SkipJsonSchema[None] = _absent("Left out: its defaults.")
-    proposer: domain.Proposer | SkipJsonSchema[None] = _absent("Left out: the best one that is ready.")
+    table: Table | SkipJsonSchema[None] = _optional("Left out: estimated.")
+    base_T_object: Pose | SkipJsonSchema[None] = _optional("An object pose to correct along.")
+    prior: Prior | SkipJsonSchema[None] = _optional("Left out: its defaults.")
+    tolerance: Tolerance | SkipJsonSchema[None] = _optional("Left out: its defaults.")
+    budget: Budget | SkipJsonSchema[None] = _optional("Left out: its defaults.")
+    sensor: Sensor | SkipJsonSchema[None] = _optional("Left out: its defaults.")
+    scan: ScanSettings | SkipJsonSchema[None] = _optional("Left out: its defaults.")
+    proposer: domain.Proposer | SkipJsonSchema[None] = _optional("Left out: the best one that is ready.")
     planner: domain.Planner = Field(domain.Planner.INFORMATION)
 
 
@@ -135,7 +135,7 @@ class Region(BaseModel):
 
 
 class WeakDirection(BaseModel):
-    """A direction in which the pose is still free."""
+    """A direction in which the pose is still weakly constrained."""
 
     direction: Vector6 = Field(description="Unit: rotation vector scaled by the object's radius, translation.")
     std: float = Field(description="Metres.")
@@ -143,40 +143,40 @@ class WeakDirection(BaseModel):
 
 
 class Mode(BaseModel):
-    """A place that explains the samples."""
+    """A pose that explains the samples."""
 
-    base_T_correction: Pose = Field(description="Maps a point where the camera put it to where this place has it.")
+    base_T_correction: Pose = Field(description="Maps a point from where the camera put it to where this pose has it.")
     weight: float = Field(gt=0, le=1, description="Its probability among the estimate's modes.")
 
 
 class Estimate(BaseModel):
     """The corrected pose and how sure it is."""
 
-    base_T_correction: Pose = Field(description="Maps a point where the camera put it to where it truly is.")
+    base_T_correction: Pose = Field(description="Maps a point from where the camera put it to where it truly is.")
     centroid: Vector3 = Field(description="Metres in base: mean of the object's cloud before correction.")
     covariance: Annotated[list[Vector6], Field(min_length=6, max_length=6)] = Field(
         description="Row-major, order (rotation vector, translation), base axes, about the centroid; rad^2, rad m, m^2."
     )
-    expected_error: float = Field(description="Metres: expected mean distance of estimated from true object points.")
+    expected_error: float = Field(description="Metres: expected mean distance of estimated and true object points.")
     error_quantile: float = Field(description="Metres: the 95 % quantile of the same.")
     unobservable: list[WeakDirection]
-    modes: list[Mode] = Field(min_length=1, description="This place first; the weights sum to 1.")
-    fit: float = Field(ge=0, le=1, description="p-value of the samples under the answer; 1 before the first scan.")
+    modes: list[Mode] = Field(min_length=1, description="The estimate itself first; the weights sum to 1.")
+    fit: float = Field(ge=0, le=1, description="p-value of the samples under the estimate; 1 before the first scan.")
     inliers: int
     samples: int
     rmse: float = Field(description="Metres.")
-    base_T_object: Pose | SkipJsonSchema[None] = _absent("The corrected object pose, if one was given.")
+    base_T_object: Pose | SkipJsonSchema[None] = _optional("The corrected object pose, if one was given.")
 
 
 class Waypoint(BaseModel):
-    """Where the tip is at a time."""
+    """The tip's pose at a time."""
 
     t: float = Field(description="Seconds from 0.")
     base_T_tip: Pose
 
 
 class ScanPlan(BaseModel):
-    """A path for the fingertip: straight lines and slerp between waypoints, its ends reached from above."""
+    """A path for the fingertip: straight lines and slerp between waypoints; approached and left from above."""
 
     scan_id: str
     region_id: str
@@ -198,7 +198,7 @@ class ScanSummary(BaseModel):
 
 
 class BudgetUsed(BaseModel):
-    """What was spent."""
+    """The part of the budget that is used."""
 
     scans: int
     seconds: float
@@ -216,12 +216,12 @@ class Problem(BaseModel):
 
 
 class Session(BaseModel):
-    """Where a session stands."""
+    """The present state of a session."""
 
     id: str
     state: domain.State
-    reason: Problem | SkipJsonSchema[None] = _absent(
-        "Why the session is exhausted or failed. Of an exhausted one the type ends in scans, seconds, fraction, "
+    reason: Problem | SkipJsonSchema[None] = _optional(
+        "Why the session is exhausted or failed. If it is exhausted, the type ends in scans, seconds, fraction, "
         "nothing-to-gain, out-of-range, misfit or sensor."
     )
     proposer: domain.Proposer
@@ -237,50 +237,50 @@ class SessionList(BaseModel):
     """A page of sessions, the newest first."""
 
     sessions: list[Session]
-    next: str | None = Field(description="Cursor of the next page; null: this is the last.")
+    next: str | None = Field(description="Cursor of the next page; null on the last one.")
 
 
-class Sample(_Sent):
+class Sample(_Strict):
     """One range sample."""
 
     t: float = Field(description="Seconds, non-decreasing.")
     base_T_tip: Pose
     range: Annotated[float, Field(ge=0)] | None = Field(description="Metres along the beam; null: no return.")
-    status: Annotated[int, Field(ge=0, le=255)] = Field(0, description="The sensor's own code; 0 is good.")
+    status: Annotated[int, Field(ge=0, le=255)] = Field(0, description="The sensor's own status code; 0 is good.")
     module: Annotated[int, Field(ge=0, le=255)] = Field(0, description="Index in sensor.tip_T_module.")
 
 
-class Samples(_Sent):
+class Samples(_Strict):
     """A scan as measured."""
 
     samples: Annotated[list[Sample], Field(min_length=1, max_length=MAX_SAMPLES)]
 
 
-class Points(_Sent):
+class Points(_Strict):
     """A scan as points in base, metres, from a robot that computes them itself."""
 
     points: Annotated[list[Vector3], Field(min_length=1, max_length=MAX_SAMPLES)]
 
 
-class Span(_Sent):
+class Span(_Strict):
     """A span of the gateway's samples, seconds since the Unix epoch on its host's clock."""
 
-    device: str = Field(description="Empty: the only one.")
+    device: str = Field(description="Empty: the gateway's only device.")
     from_: float = Field(alias="from")
     to: float
 
 
-class GatewaySpan(_Sent):
-    """A scan that the sensor gateway holds."""
+class GatewaySpan(_Strict):
+    """A scan whose samples are at the sensor gateway."""
 
     gateway: Span
 
 
-class Skipped(_Sent):
-    """A scan that could not be made; samples taken so far may come along."""
+class Skipped(_Strict):
+    """A scan that the robot could not make; samples taken so far may be included."""
 
     skipped: Literal["unreachable"]
-    samples: Annotated[list[Sample], Field(max_length=MAX_SAMPLES)] | SkipJsonSchema[None] = _absent("May be empty.")
+    samples: Annotated[list[Sample], Field(max_length=MAX_SAMPLES)] | SkipJsonSchema[None] = _optional("May be empty.")
 
 
 Submission = Samples | Points | GatewaySpan | Skipped

@@ -1,4 +1,4 @@
-"""How the REST routes are described: request bodies, responses and problems in OpenAPI terms."""
+"""Describes the REST routes in OpenAPI: request bodies, responses and problems."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from pydantic.json_schema import models_json_schema
 
 from pretouch import __version__
 from pretouch.errors import WIRE
-from pretouch_orchestrator.rest import models as documents
+from pretouch_orchestrator.rest import models
 from pretouch_orchestrator.rest.admission import OPEN_PATHS
 from pretouch_orchestrator.rest.bodies import PARTS
 from pretouch_orchestrator.rest.problems import PROBLEM_TYPE
 
 _REFERENCE = "#/components/schemas/{model}"
-_SENT = (documents.SessionRequest,)
-_ANSWERED = (documents.Session, documents.SessionList, documents.ScanPlan, documents.Problem, documents.Health)
+_REQUEST_MODELS = (models.SessionRequest,)
+_RESPONSE_MODELS = (models.Session, models.SessionList, models.ScanPlan, models.Problem, models.Health)
 _TITLES = {wire.http_status: wire.title for wire in WIRE.values()}
 
 
-def answer(model: type[BaseModel], description: str) -> dict[str, Any]:
+def json_response(model: type[BaseModel], description: str) -> dict[str, Any]:
     """A JSON response."""
     return {"description": description, "content": {"application/json": {"schema": _reference(model)}}}
 
 
-def text(media_type: str, description: str) -> dict[str, Any]:
+def text_response(media_type: str, description: str) -> dict[str, Any]:
     """A response that is not JSON."""
     return {"description": description, "content": {media_type: {"schema": {"type": "string"}}}}
 
 
 def responses(status: int, success: dict[str, Any], *problems: int) -> dict[int | str, dict[str, Any]]:
-    """A route's response, and the statuses with which it answers problem documents."""
-    content = {PROBLEM_TYPE: {"schema": _reference(documents.Problem)}}
+    """A route's successful response, and the statuses of its problem documents."""
+    content = {PROBLEM_TYPE: {"schema": _reference(models.Problem)}}
     described: dict[int | str, dict[str, Any]] = {status: success}
     return described | {code: {"description": _TITLES[code], "content": content} for code in problems}
 
@@ -42,7 +42,7 @@ def responses(status: int, success: dict[str, Any], *problems: int) -> dict[int 
 def creation_body() -> dict[str, Any]:
     """The multipart body of a session's creation."""
     properties = {
-        "request": _reference(documents.SessionRequest),
+        "request": _reference(models.SessionRequest),
         "depth": {
             "type": "string",
             "format": "binary",
@@ -66,28 +66,28 @@ def submission_body() -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
 
 
-def describe(app: FastAPI, *, token: bool) -> None:
+def install_document(app: FastAPI, *, token: bool) -> None:
     """Gives `app` its OpenAPI document."""
 
-    def document() -> dict[str, Any]:
+    def get_document() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _document(app, token)
+            app.openapi_schema = _build_document(app, token)
         return app.openapi_schema
 
-    app.openapi = document  # type: ignore[method-assign]
+    app.openapi = get_document  # type: ignore[method-assign]
 
 
-def _document(app: FastAPI, token: bool) -> dict[str, Any]:
+def _build_document(app: FastAPI, token: bool) -> dict[str, Any]:
     document = get_openapi(title=app.title, version=__version__, description=app.description, routes=app.routes)
     for methods in document["paths"].values():
         for operation in methods.values():
-            # The framework claims this for every route with parameters; those that can answer it say so themselves.
+            # FastAPI adds a 422 to every route with parameters; the routes that can return one declare it themselves.
             if "application/json" in operation["responses"].get("422", {}).get("content", {}):
                 del operation["responses"]["422"]
-    inputs = [(model, "validation") for model in _SENT]
-    outputs = [(model, "serialization") for model in _ANSWERED]
+    inputs = [(model, "validation") for model in _REQUEST_MODELS]
+    outputs = [(model, "serialization") for model in _RESPONSE_MODELS]
     _, definitions = models_json_schema([*inputs, *outputs], ref_template=_REFERENCE)  # type: ignore[list-item]
-    submission = TypeAdapter(documents.Submission).json_schema(ref_template=_REFERENCE)
+    submission = TypeAdapter(models.Submission).json_schema(ref_template=_REFERENCE)
     schemas = definitions["$defs"] | submission.pop("$defs") | {"Submission": submission}
     components: dict[str, Any] = {"schemas": dict(sorted(schemas.items()))}
     if token:

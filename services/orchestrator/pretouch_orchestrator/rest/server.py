@@ -1,4 +1,4 @@
-"""The HTTP server of the REST contract, in the event loop of the gRPC server."""
+"""The HTTP server of the REST contract. It shares the event loop with the gRPC server."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class _Server(uvicorn.Server):
 
 
 @asynccontextmanager
-async def rest_serving(app: FastAPI, settings: OrchestratorSettings, context: ServiceContext) -> AsyncIterator[None]:
+async def serve_rest(app: FastAPI, settings: OrchestratorSettings, context: ServiceContext) -> AsyncIterator[None]:
     """Serves `app` for as long as the block lasts; once the service drains, requests under way get its grace to end.
 
     Raises:
@@ -57,7 +57,7 @@ async def rest_serving(app: FastAPI, settings: OrchestratorSettings, context: Se
         ssl_ca_certs=None if tls.tls_client_ca is None else str(tls.tls_client_ca),
         ssl_cert_reqs=ssl.CERT_NONE if tls.tls_client_ca is None else ssl.CERT_REQUIRED,
     )
-    with _bound(settings.rest_host, settings.rest_port) as listener:
+    with _bind(settings.rest_host, settings.rest_port) as listener:
         server = _Server(config)
         serving = asyncio.create_task(server.serve(sockets=[listener]))
         stopping = asyncio.create_task(_stop_when_draining(server, context))
@@ -83,7 +83,7 @@ async def _stop_when_draining(server: uvicorn.Server, context: ServiceContext) -
 
 
 @contextlib.contextmanager
-def _bound(host: str, port: int) -> Iterator[socket.socket]:
+def _bind(host: str, port: int) -> Iterator[socket.socket]:
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE

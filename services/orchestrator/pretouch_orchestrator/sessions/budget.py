@@ -1,87 +1,95 @@
-"""What a scan would cost of what is left of a session's budget."""
+"""What a scan would cost, as a share of what is left of the session's budget."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pretouch.exhaustion import Exhaustion
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.planning.coverage import Foresight
+from pretouch_orchestrator.planning.coverage import CoveragePredictor
 from pretouch_orchestrator.sessions.record import Record
 
-_MISJUDGED = 0.2
-"""Share of a foreseen scan by which the real one may touch more of the object."""
-_PARTS = (1.0, 0.5, 0.25)
-"""How much of a region's path is scanned where the budget does not last for all of it."""
-_MOVED = 0.01
-"""Share of the object by which what earlier scans touched may change with the next correction."""
+_COVERAGE_MARGIN = 0.2
+"""Share by which a scan may cover more of the object than predicted."""
+_CORRECTION_MARGIN = 0.01
+"""Share of the object by which the coverage of earlier scans may change with the next correction."""
+_PATH_SHARES = (1.0, 0.5, 0.25)
+"""Shares of a region's path that are tried, in this order, until the budget allows one."""
 
 
-@dataclass(frozen=True)
-class _Cost:
-    """The share that a scan would use of what is left of its scarcest budget; above 1 there is not enough left."""
+class AffordablePath(NamedTuple):
+    """A path that the budget allows, over a region or over the beginning of its perimeter.
+
+    Attributes:
+        share: what it would use of what is left of its scarcest budget, at most 1.
+    """
+
+    region_id: str
+    path: Trajectory
+    share: float
+
+
+class _Cost(NamedTuple):
+    """The share that a scan would use of what is left of its scarcest budget; above 1 it is not affordable."""
 
     share: float
     scarcest: Exhaustion
 
 
-class _Outlook:
-    """What scans along `paths`, which share the tip's orientation, would cost.
+class _CostPredictor:
+    """Predicts the cost of scans along `paths`, all with the same orientation of the tip.
 
-    Foreseen scans get an allowance for what they may touch unforeseen, but not the first one: of a small object it
-    touches much, and without it nothing would be known.
+    The predicted coverage is given a margin, except for the first scan: on a small object that one alone covers much,
+    and without it nothing would be known.
     """
 
     def __init__(self, record: Record, paths: Mapping[str, Trajectory]) -> None:
         self._record = record
         base_R_tip = next(iter(paths.values())).base_T_tip[0, :3, :3]
-        self._foresight = Foresight(record.corrected_cloud(), record.measured, record.request.sensor, base_R_tip)
+        self._coverage = CoveragePredictor(record.corrected_cloud(), record.measured, record.request.sensor, base_R_tip)
 
-    def cost(self, path: Trajectory) -> _Cost:
-        budget, spent = self._record.request.budget, self._record.budget_used
-        after = self._foresight.fraction_after(path)
+    def predict(self, path: Trajectory) -> _Cost:
+        budget, used = self._record.request.budget, self._record.budget_used
+        fraction = self._coverage.predict_fraction(path)
         if self._record.scans:
-            after += _MISJUDGED * max(after - spent.fraction, 0.0) + _MOVED
+            fraction += _COVERAGE_MARGIN * max(fraction - used.fraction, 0.0) + _CORRECTION_MARGIN
         shares = {
-            Exhaustion.SCANS: 1 / max(budget.scans - spent.scans, 1e-9),
-            Exhaustion.SECONDS: path.duration / max(budget.seconds - spent.seconds, 1e-9),
-            Exhaustion.FRACTION: max(after - spent.fraction, 0.0) / max(budget.fraction - spent.fraction, 1e-9),
+            Exhaustion.SCANS: 1 / max(budget.scans - used.scans, 1e-9),
+            Exhaustion.SECONDS: path.duration / max(budget.seconds - used.seconds, 1e-9),
+            Exhaustion.FRACTION: max(fraction - used.fraction, 0.0) / max(budget.fraction - used.fraction, 1e-9),
         }
         scarcest = max(shares, key=shares.__getitem__)
         return _Cost(shares[scarcest], scarcest)
 
 
-def affordable(record: Record, paths: Mapping[str, Trajectory]) -> list[tuple[str, Trajectory, float]]:
-    """Each of `paths`, by region id, as far along as the budget lets, with its share of the budget that is left.
-
-    The share is that of the scarcest budget.
-    """
+def select_affordable(record: Record, paths: Mapping[str, Trajectory]) -> list[AffordablePath]:
+    """Those of `paths`, by region id, that the budget allows, shortened where it does not allow all of the path."""
     if not paths:
         return []
-    outlook = _Outlook(record, paths)
-    fitting = []
+    costs = _CostPredictor(record, paths)
+    affordable = []
     for region_id, path in paths.items():
-        for part in _PARTS:
-            shortened = path.beginning(part)
-            if (cost := outlook.cost(shortened)).share <= 1:
-                fitting.append((region_id, shortened, cost.share))
+        for share in _PATH_SHARES:
+            shortened = path.beginning(share)
+            if (cost := costs.predict(shortened)).share <= 1:
+                affordable.append(AffordablePath(region_id, shortened, cost.share))
                 break
-    return fitting
+    return affordable
 
 
-def limit_of(record: Record, paths: Mapping[str, Trajectory]) -> Exhaustion:
-    """What keeps the session from another scan, none of `paths` being affordable: a budget, or that there is no path.
+def find_limit(record: Record, paths: Mapping[str, Trajectory]) -> Exhaustion:
+    """Why no further scan is planned, given that none of `paths` is affordable: a budget, or that there is no path.
 
-    Where different budgets forbid different paths it is the one that the cheapest path exceeds.
+    Where different paths exceed different budgets, it is the budget that the cheapest path exceeds.
     """
-    budget, spent = record.request.budget, record.budget_used
-    if spent.scans >= budget.scans:
+    budget, used = record.request.budget, record.budget_used
+    if used.scans >= budget.scans:
         return Exhaustion.SCANS
     if paths:
-        outlook = _Outlook(record, paths)
-        costs = [outlook.cost(path.beginning(_PARTS[-1])) for path in paths.values()]
-        return min(costs, key=lambda cost: cost.share).scarcest
-    if spent.seconds >= budget.seconds:
+        costs = _CostPredictor(record, paths)
+        predicted = [costs.predict(path.beginning(_PATH_SHARES[-1])) for path in paths.values()]
+        return min(predicted, key=lambda cost: cost.share).scarcest
+    if used.seconds >= budget.seconds:
         return Exhaustion.SECONDS
-    return Exhaustion.FRACTION if spent.fraction >= budget.fraction else Exhaustion.NOTHING_TO_GAIN
+    return Exhaustion.FRACTION if used.fraction >= budget.fraction else Exhaustion.NOTHING_TO_GAIN

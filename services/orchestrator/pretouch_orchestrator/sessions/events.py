@@ -1,4 +1,4 @@
-"""What a session tells those who watch it, and how they hear of it."""
+"""The events of sessions, and how they reach the clients that follow one."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pretouch.wire.json import estimate_to_json, session_to_json
 from pretouch_orchestrator.store.protocol import Event, NewEvent, Store
 
 
-def events_between(before: Session | None, after: Session) -> list[NewEvent]:
-    """The events of one step; `before` is None at the session's creation."""
+def derive_events(before: Session | None, after: Session) -> list[NewEvent]:
+    """The events of one step, derived from the session before and after it; `before` is None at its creation."""
     whole = NewEvent("session", session_to_json(after))
     estimate = NewEvent("estimate", estimate_to_json(after.estimate, after.base_T_object))
     if before is None:
@@ -30,7 +30,7 @@ def events_between(before: Session | None, after: Session) -> list[NewEvent]:
 
 
 class Broker:
-    """Wakes those who follow a session; what happened they read from the store, so nothing is lost or doubled."""
+    """Wakes the followers of a session. They read its events from the store, so that none is lost or repeated."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -38,13 +38,13 @@ class Broker:
         self._closed = False
 
     def publish(self, session_id: str) -> None:
-        """To be called once new events of the session are in the store."""
+        """Call it once new events of the session are in the store."""
         change = self._changes.pop(session_id, None)
         if change is not None:
             change.set()
 
     def close(self) -> None:
-        """Ends every stream: the service stops."""
+        """Ends all streams because the service stops."""
         self._closed = True
         for session_id in list(self._changes):
             self.publish(session_id)
@@ -56,13 +56,13 @@ class Broker:
         Raises:
             NotFound: no such session.
         """
-        ended = (await self._store.session(session_id)).state.ended
-        replayed = await self._store.events(session_id, 0)
-        # An id from the future would wait for events that never come.
+        ended = (await self._store.load_session(session_id)).state.ended
+        replayed = await self._store.load_events(session_id, 0)
+        # A client's id beyond the last event would wait for events that never come.
         last = min(after, replayed[-1].id if replayed else 0)
         while True:
             change = self._changes.setdefault(session_id, asyncio.Event())
-            for event in await self._store.events(session_id, last):
+            for event in await self._store.load_events(session_id, last):
                 yield event
                 last = event.id
                 ended = ended or event.type == "end"

@@ -1,4 +1,4 @@
-"""A session from its opening to its end: what is computed here, what is asked of the other services, in which order."""
+"""The closed loop of a session: perceive, plan, scan, register, until it ends."""
 
 from __future__ import annotations
 
@@ -10,63 +10,67 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.camera import DepthImage
-from pretouch.errors import PretouchError, problem
+from pretouch.errors import InvalidInput, Unavailable
 from pretouch.estimate import from_prior
 from pretouch.exhaustion import Exhaustion
 from pretouch.scene import Scene
-from pretouch.session import Points, Region, ScanPlan, SessionRequest, Skipped, State
+from pretouch.session import GatewaySpan, Region, SessionRequest, Skipped, State, Submission
 from pretouch.tof import RangeSamples, Scan
 from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.perception.clusters import specks
+from pretouch_orchestrator.perception.clusters import find_specks
 from pretouch_orchestrator.perception.segmentation import find_object
 from pretouch_orchestrator.planning.envelope import SAFE, Margins
 from pretouch_orchestrator.planning.path import plan_paths
-from pretouch_orchestrator.sessions.budget import affordable, limit_of
-from pretouch_orchestrator.sessions.endings import ended, exhausted, has_converged
+from pretouch_orchestrator.sessions.budget import find_limit, select_affordable
+from pretouch_orchestrator.sessions.endings import end_session, exhaust_session, has_converged
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.sessions.transitions import (
-    awaited,
-    checked,
-    measured,
-    open_regions,
-    passed_over,
-    planned,
-    used,
+    apply_scan,
+    drop_faulty_modules,
+    get_pending_plan,
+    list_open_regions,
+    plan_next,
+    scan_from_submission,
+    skip_scan,
 )
-from pretouch_orchestrator.upstream.interfaces import Detector, Registrar
+from pretouch_orchestrator.upstream.interfaces import Detector, Gateway, Registrar
 
-_MARGIN = 0.08
-"""m around the object that the services get to see, besides three standard deviations of the prior."""
+_CROP_MARGIN = 0.08
+"""m around the object that the crop keeps, besides three standard deviations of the prior."""
 _MAX_REGIONS = 20
 
 
 class Loop:
-    """Drives sessions; holds none. Records are never changed: each step answers a new one.
+    """Advances sessions. It keeps no state: records are immutable, and each step returns a new one.
 
     Args:
-        margins: how far planned paths keep from what the estimate leaves uncertain.
+        margins: the distance that planned paths keep from the surface.
+        gateway: None where the orchestrator was started without one.
     """
 
-    def __init__(self, detector: Detector, registrar: Registrar, margins: Margins = SAFE) -> None:
+    def __init__(
+        self, detector: Detector, registrar: Registrar, margins: Margins = SAFE, gateway: Gateway | None = None
+    ) -> None:
         self._detector = detector
         self._registrar = registrar
         self._margins = margins
+        self._gateway = gateway
 
     async def open(
         self, id: str, created: float, request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
     ) -> Record:
-        """A new session with its first scan planned; it may have ended already.
+        """A new session with its first scan planned; it may already have ended.
 
         Args:
             created: s since the Unix epoch.
             depth: the client's depth image, (h, w).
-            mask: (h, w), True on the object; None: it is looked for.
+            mask: (h, w), True on the object; None: the object is segmented.
 
         Raises:
             InvalidInput: no depth, no object, no table, or a mask or roi that does not fit.
-            PretouchError: what detector or registrar raised.
+            PretouchError: what the detector or the registrar raised.
         """
-        scene, origin = await asyncio.to_thread(viewed, request, depth, mask)
+        scene, origin = await asyncio.to_thread(prepare_scene, request, depth, mask)
         seed = zlib.crc32(scene.depth.metres.tobytes())
         proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)
         estimate = await asyncio.to_thread(from_prior, request.prior, scene.cloud)
@@ -74,37 +78,30 @@ class Loop:
             Region(f"region-{k}", region.rectangle.shifted(*origin), region.confidence, estimate.expected_error)
             for k, region in enumerate(proposed[:_MAX_REGIONS], start=1)
         )
-        return await self._go_on(Record(id, created, request, scene, origin, proposer, regions, estimate))
+        return await self._plan_or_end(Record(id, created, request, scene, origin, proposer, regions, estimate))
 
-    def check(self, record: Record, scan_id: str) -> ScanPlan:
-        """The plan that waits for `scan_id`.
+    async def advance(self, record: Record, scan_id: str, submission: Submission) -> Record:
+        """The session after its planned scan was answered; `record` itself if `scan_id` was answered before.
 
-        Raises:
-            Conflict: the session has ended.
-            NotFound: no such scan is planned.
-        """
-        return awaited(record, scan_id)
-
-    async def advance(self, record: Record, scan_id: str, submission: RangeSamples | Points | Skipped) -> Record:
-        """The session after its planned scan was answered; as it is if `scan_id` was answered before.
-
-        What modules sent that measured nothing is left out. A scan of which nothing is left costs its budget and leaves
-        the estimate as it was, but for its `sensor_problem`; another one that tells nothing, misses alone too, ends the
-        session: the third would be no better.
+        Samples of faulty modules are left out. A scan of which no sample is left still counts against the budget, and
+        the estimate stays as it was except for its `sensor_problem`. If the next scan is no better, even one without a
+        single return, the session ends: a third one would fail too.
 
         Raises:
             Conflict: the session has ended.
             NotFound: no such scan is planned.
-            InvalidInput: the scan is empty or does not fit the sensor; the session is as it was.
-            PretouchError: what the registrar raised; the session is as it was.
+            InvalidInput: the scan is empty or does not fit the sensor; the session is unchanged.
+            PretouchError: what the registrar or the gateway raised; the session is unchanged.
         """
         if scan_id in record.answered:
             return record
-        plan = awaited(record, scan_id)
+        plan = get_pending_plan(record, scan_id)
         if isinstance(submission, Skipped):
-            return await self._go_on(passed_over(record, plan))
-        believed, sensor_problem = await asyncio.to_thread(checked, record, submission)
-        scan = Scan.concatenate([]) if sensor_problem else measured(record, believed)
+            return await self._plan_or_end(skip_scan(record, plan))
+        if isinstance(submission, GatewaySpan):
+            submission = await self._fetch_samples(submission)
+        kept, sensor_problem = await asyncio.to_thread(drop_faulty_modules, record, submission)
+        scan = Scan.concatenate([]) if sensor_problem else scan_from_submission(record, kept)
         request, evidence = record.request, replace(record, measured=(*record.measured, scan)).evidence
         if sensor_problem:
             estimate = replace(record.estimate, sensor_problem=sensor_problem)
@@ -112,49 +109,57 @@ class Loop:
             estimate = await self._registrar.register(record.scene, evidence, request.prior, request.sensor)
         else:
             estimate = record.estimate
-        after = await asyncio.to_thread(used, record, plan, submission, scan, estimate)
+        after = await asyncio.to_thread(apply_scan, record, plan, submission, scan, estimate)
         if record.estimate.sensor_problem and estimate.sensor_problem:
-            return exhausted(after, Exhaustion.SENSOR)
-        return await self._go_on(after)
+            return exhaust_session(after, Exhaustion.SENSOR)
+        return await self._plan_or_end(after)
 
-    def cancel(self, record: Record) -> Record:
-        """The session, cancelled unless it has ended."""
-        return ended(record, State.CANCELLED)
+    async def _fetch_samples(self, span: GatewaySpan) -> RangeSamples:
+        if self._gateway is None:
+            raise Unavailable(
+                "This orchestrator has no sensor gateway.",
+                "Send the samples themselves, or start it with PRETOUCH_ORCHESTRATOR_GATEWAY=host:port.",
+            )
+        samples = await self._gateway.get_samples(span)
+        if len(samples) == 0:
+            raise InvalidInput(
+                f"The gateway has no samples from {span.start:.6f} to {span.end:.6f} s.",
+                "Give a span, by the clock of the gateway's host, during which the gateway was sent tip poses.",
+            )
+        return samples
 
-    def fail(self, record: Record, error: PretouchError) -> Record:
-        """The session, failed for `error` unless it has ended."""
-        return ended(record, State.FAILED, problem(error))
-
-    async def _go_on(self, record: Record) -> Record:
-        """Ends the session or plans its next scan."""
+    async def _plan_or_end(self, record: Record) -> Record:
+        """Plans the session's next scan, or ends the session."""
         if has_converged(record):
-            return ended(record, State.CONVERGED)
-        paths = await asyncio.to_thread(_paths, record, self._margins)
-        candidates = await asyncio.to_thread(affordable, record, paths)
-        if not candidates:
-            return exhausted(record, await asyncio.to_thread(limit_of, record, paths))
+            return end_session(record, State.CONVERGED)
+        paths = await asyncio.to_thread(_plan_open_paths, record, self._margins)
+        affordable = await asyncio.to_thread(select_affordable, record, paths)
+        if not affordable:
+            return exhaust_session(record, await asyncio.to_thread(find_limit, record, paths))
         request = record.request
         expected_errors = await self._registrar.predict(
-            record.scene, record.evidence, request.prior, request.sensor, [path for _, path, _ in candidates]
+            record.scene, record.evidence, request.prior, request.sensor, [option.path for option in affordable]
         )
-        return planned(record, candidates, expected_errors)
+        return plan_next(record, affordable, expected_errors)
 
 
-def viewed(request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None) -> tuple[Scene, tuple[int, int]]:
-    """The part of the client's view that matters, without specks in mid-air, and its first pixel (u0, v0)."""
+def prepare_scene(
+    request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
+) -> tuple[Scene, tuple[int, int]]:
+    """The client's view cropped to the object's surroundings, without specks, and the crop's first pixel (u0, v0)."""
     whole = find_object(depth, request.camera, request.base_T_camera, request.roi, mask, request.table)
     prior = request.prior
     scene, origin = whole.cropped(
-        _MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))
+        _CROP_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))
     )
     metres = scene.depth.metres
-    believed = np.where(specks(metres, scene.camera.fx) & ~scene.mask, 0, metres)
-    return replace(scene, depth=DepthImage(believed)), origin
+    cleaned = np.where(find_specks(metres, scene.camera.fx) & ~scene.mask, 0, metres)
+    return replace(scene, depth=DepthImage(cleaned)), origin
 
 
-def _paths(record: Record, margins: Margins) -> dict[str, Trajectory]:
-    """By region id: the paths of the open regions whose perimeter comes over the object."""
-    regions = open_regions(record)
+def _plan_open_paths(record: Record, margins: Margins) -> dict[str, Trajectory]:
+    """By region id: the paths of the open regions whose perimeter crosses the object."""
+    regions = list_open_regions(record)
     u0, v0 = record.origin
     rectangles = [region.rectangle.shifted(-u0, -v0) for region in regions]
     settings = record.request.scan

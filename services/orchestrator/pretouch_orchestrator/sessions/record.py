@@ -1,4 +1,4 @@
-"""All that is known of one session: what the store keeps and the state machine changes."""
+"""The record of one session: what the store keeps and the state machine updates."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Record:
 
     Attributes:
         created: s since the Unix epoch.
-        scene: the part of the client's view that the services need.
+        scene: the part of the client's view around the object, which the other services are sent.
         origin: first pixel (u0, v0) of `scene` in the client's image; `regions` are in the client's pixels.
-        measured: the beams of each scan in `scans`, in the same order, without those of modules that measured nothing.
+        measured: the beams of each scan in `scans`, in the same order, without those of faulty modules.
         skipped: ids of regions that could not be reached.
-        answered: ids of scans that a client has answered for, used or skipped.
+        answered: ids of the scans that the client has submitted or skipped.
         reason: a problem document, set when the session is exhausted or failed.
     """
 
@@ -47,20 +47,21 @@ class Record:
 
     @property
     def evidence(self) -> tuple[Scan, ...]:
-        """The scans that tell something: those with samples, and none before the first return of all.
+        """The scans to register: those with samples, or none as long as not a single sample has returned.
 
-        Misses of a sensor that has never returned anything would lower the finger onto what it cannot see.
+        The misses of a sensor that has never returned a range would otherwise lower the finger onto a surface that it
+        cannot see.
         """
         if not any(scan.returned.any() for scan in self.measured):
             return ()
         return tuple(scan for scan in self.measured if len(scan))
 
     def corrected_cloud(self) -> Array:
-        """(n, 3), m, in base: the object's points as presently corrected."""
+        """(n, 3), m, in base: the object's points, corrected by the present estimate."""
         return np.asarray(self.estimate.base_T_correction.apply(self.scene.cloud), dtype=np.float64)
 
-    def view(self) -> Session:
-        """What the client sees."""
+    def to_session(self) -> Session:
+        """The session as its client sees it."""
         base_T_object: Pose | None = None
         if self.request.base_T_object is not None:
             base_T_object = self.estimate.base_T_correction @ self.request.base_T_object

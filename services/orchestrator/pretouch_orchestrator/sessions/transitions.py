@@ -1,4 +1,4 @@
-"""The session's state machine: each step makes a new record of an old one; nothing here waits or forgets."""
+"""The session's state machine: pure functions that derive a new record from an old one."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from pretouch.estimate import Estimate
 from pretouch.exhaustion import Exhaustion
 from pretouch.session import Points, Region, ScanPlan, ScanSummary
 from pretouch.tof import RangeSamples, Scan
-from pretouch.trajectory import Trajectory
-from pretouch_orchestrator.perception.sensor_check import judge, told, without
-from pretouch_orchestrator.planning.coverage import scanned
+from pretouch_orchestrator.perception.sensor_check import diagnose, drop_modules, summarize
+from pretouch_orchestrator.planning.coverage import find_scanned
 from pretouch_orchestrator.planning.planner import Candidate, choose
-from pretouch_orchestrator.sessions.endings import exhausted
+from pretouch_orchestrator.sessions.budget import AffordablePath
+from pretouch_orchestrator.sessions.endings import exhaust_session
 from pretouch_orchestrator.sessions.record import Record
 
 
-def awaited(record: Record, scan_id: str) -> ScanPlan:
-    """The plan that an answer for `scan_id` belongs to.
+def get_pending_plan(record: Record, scan_id: str) -> ScanPlan:
+    """The plan of the scan that the session waits for, which must be `scan_id`.
 
     Raises:
         Conflict: the session has ended.
@@ -27,27 +27,27 @@ def awaited(record: Record, scan_id: str) -> ScanPlan:
     """
     if record.state.ended:
         raise Conflict(
-            f"The session is {record.state.value}; no scan is wanted any more.", "Open a new session to go on."
+            f"The session is {record.state.value} and takes no more scans.", "Open a new session to continue."
         )
     if record.next_scan is None or record.next_scan.scan_id != scan_id:
         raise NotFound(f"The session has no scan {scan_id!r:.80}.", "Send the scan_id of the session's next_scan.")
     return record.next_scan
 
 
-def checked(record: Record, submission: RangeSamples | Points) -> tuple[RangeSamples | Points, str]:
-    """What is left of a scan without the modules that measured nothing; and if that is nothing, why, in sentences."""
+def drop_faulty_modules(record: Record, submission: RangeSamples | Points) -> tuple[RangeSamples | Points, str]:
+    """The submission without the samples of faulty modules, and what is wrong if no sample is left ("" otherwise)."""
     if isinstance(submission, Points):
         return submission, ""
-    verdicts = judge(submission, record.request.sensor, record.scene, record.estimate, record.measured)
-    left = without(submission, [verdict.module for verdict in verdicts])
-    return left, told(verdicts) if verdicts and len(left) == 0 else ""
+    diagnoses = diagnose(submission, record.request.sensor, record.scene, record.estimate, record.measured)
+    kept = drop_modules(submission, [diagnosis.module for diagnosis in diagnoses])
+    return kept, summarize(diagnoses) if diagnoses and len(kept) == 0 else ""
 
 
-def measured(record: Record, submission: RangeSamples | Points) -> Scan:
-    """What the client says of a scan, as beams in base.
+def scan_from_submission(record: Record, submission: RangeSamples | Points) -> Scan:
+    """The submission as beams in base.
 
     Raises:
-        InvalidInput: there is nothing in it, or it does not fit the session's sensor.
+        InvalidInput: it is empty, or it does not fit the session's sensor.
     """
     if isinstance(submission, Points):
         down = -record.scene.table.moved(record.estimate.base_T_correction).normal
@@ -56,17 +56,22 @@ def measured(record: Record, submission: RangeSamples | Points) -> Scan:
         scan = submission.beams(record.request.sensor)
     if len(scan) == 0:
         raise InvalidInput(
-            "The scan is empty.", 'Send its samples, misses too, or {"skipped": "unreachable"} if it cannot be made.'
+            "The scan is empty.",
+            'Send all of its samples, those without a return included, or {"skipped": "unreachable"} if the robot '
+            "cannot make it.",
         )
     return scan
 
 
-def used(record: Record, plan: ScanPlan, submission: RangeSamples | Points, scan: Scan, estimate: Estimate) -> Record:
-    """After a scan: its evidence, the `estimate` from all scans with it, and what it cost.
+def apply_scan(
+    record: Record, plan: ScanPlan, submission: RangeSamples | Points, scan: Scan, estimate: Estimate
+) -> Record:
+    """Adds a scan to the session: its beams, its summary and its cost.
 
     Args:
-        submission: all that was sent.
-        scan: what of it is believed.
+        submission: all that the client sent.
+        scan: the part of it that is used.
+        estimate: the estimate from all scans, this one included.
     """
     duration, samples = plan.path.duration, len(scan)
     if isinstance(submission, RangeSamples):
@@ -88,17 +93,17 @@ def used(record: Record, plan: ScanPlan, submission: RangeSamples | Points, scan
         answered=(*record.answered, plan.scan_id),
         next_scan=None,
     )
-    spent = replace(
+    budget_used = replace(
         record.budget_used,
         scans=len(record.scans),
         seconds=record.budget_used.seconds + duration,
-        fraction=float(scanned(record.corrected_cloud(), record.measured).mean()),
+        fraction=float(find_scanned(record.corrected_cloud(), record.measured).mean()),
     )
-    return replace(record, budget_used=spent)
+    return replace(record, budget_used=budget_used)
 
 
-def passed_over(record: Record, plan: ScanPlan) -> Record:
-    """After a scan that could not be made: neither evidence nor cost, and its region is not planned again."""
+def skip_scan(record: Record, plan: ScanPlan) -> Record:
+    """Closes a scan that the robot could not make: it costs nothing, and its region is not planned again."""
     return replace(
         record,
         skipped=(*record.skipped, plan.region_id),
@@ -107,32 +112,30 @@ def passed_over(record: Record, plan: ScanPlan) -> Record:
     )
 
 
-def open_regions(record: Record) -> tuple[Region, ...]:
-    """The regions that can still be planned; none once the scans are spent."""
+def list_open_regions(record: Record) -> tuple[Region, ...]:
+    """The regions that can still be planned: those neither scanned nor skipped; none once all scans are used up."""
     if record.budget_used.scans >= record.request.budget.scans:
         return ()
     closed = {*record.skipped, *(scan.region_id for scan in record.scans)}
     return tuple(region for region in record.regions if region.id not in closed)
 
 
-def planned(
-    record: Record, affordable: Sequence[tuple[str, Trajectory, float]], expected_errors: Sequence[float]
-) -> Record:
-    """With each region's expected error brought up to date, and the next scan; exhausted if there is none.
+def plan_next(record: Record, affordable: Sequence[AffordablePath], expected_errors: Sequence[float]) -> Record:
+    """Updates each region's expected error and plans the best scan; exhausts the session if there is none.
 
     Args:
-        affordable: what can be scanned, see `budget.affordable`.
-        expected_errors: m, predicted for each of them, in their order. Another scan of any other region is expected
-            to tell nothing.
+        affordable: the paths to choose from.
+        expected_errors: m, predicted after each of them, in the same order. A scan of any other region is taken to
+            leave the error as it is.
     """
-    predicted = {region_id: error for (region_id, _, _), error in zip(affordable, expected_errors, strict=True)}
+    predicted = {option.region_id: error for option, error in zip(affordable, expected_errors, strict=True)}
     present = record.estimate.expected_error
     regions = tuple(replace(region, expected_error=predicted.get(region.id, present)) for region in record.regions)
     record = replace(record, regions=regions)
     by_id = {region.id: region for region in regions}
-    candidates = [Candidate(by_id[region_id], path, share) for region_id, path, share in affordable]
+    candidates = [Candidate(by_id[option.region_id], option.path, option.share) for option in affordable]
     best = choose(candidates, record.request.planner, present)
     if best is None:
-        return exhausted(record, Exhaustion.NOTHING_TO_GAIN)
+        return exhaust_session(record, Exhaustion.NOTHING_TO_GAIN)
     scan_id = f"scan-{len(record.answered) + 1}"
     return replace(record, next_scan=ScanPlan(scan_id, best.region.id, best.path))

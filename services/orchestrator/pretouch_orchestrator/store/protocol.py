@@ -1,4 +1,4 @@
-"""What sessions ask of a store; `sqlite.py` has the one that ships."""
+"""The interface of session stores; `sqlite.py` implements it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pretouch_orchestrator.sessions.record import Record
 
 @dataclass(frozen=True)
 class NewEvent:
-    """Something that happened in a session: `type` is "session", "scan", "estimate" or "end"; `data` is JSON."""
+    """An event of a session without its id: `type` is "session", "scan", "estimate" or "end"; `data` is JSON."""
 
     type: str
     data: dict[str, Any]
@@ -34,38 +34,37 @@ class KeyedRequest:
 
 
 class Store(Protocol):
-    """Sessions that outlive the process. Each method is one transaction, done once it returns.
+    """Persistent sessions. Each method is one transaction, which is committed when it returns.
 
-    Methods that name a session raise `NotFound` where there is none.
+    Methods that take a session raise `NotFound` if it does not exist.
     """
 
     async def create(self, record: Record, events: Sequence[NewEvent], key: KeyedRequest | None) -> None:
-        """Keeps a new session with its first events and the idempotency key that led to it."""
+        """Stores a new session with its first events and the idempotency key of its creation."""
         ...
 
     async def update(self, record: Record, events: Sequence[NewEvent]) -> None:
-        """Keeps the session's new state, the scans that are new in it, and its next events."""
+        """Stores the session's new state, its new scans and its new events."""
         ...
 
-    async def record(self, session_id: str) -> Record:
-        """All that is known of a session."""
+    async def load_record(self, session_id: str) -> Record:
+        """The complete record of a session."""
         ...
 
-    async def session(self, session_id: str) -> Session:
+    async def load_session(self, session_id: str) -> Session:
         """A session as its client sees it."""
         ...
 
-    async def page(self, limit: int, before: int | None) -> tuple[list[Session], int | None]:
-        """At most `limit` sessions, the newest first, older than number `before`; the last one's number if there are
-        more."""
+    async def list_sessions(self, limit: int, before: int | None) -> tuple[list[Session], int | None]:
+        """At most `limit` sessions numbered below `before`, the newest first; the last one's number if more follow."""
         ...
 
-    async def events(self, session_id: str, after: int) -> list[Event]:
+    async def load_events(self, session_id: str, after: int) -> list[Event]:
         """The session's events whose id is greater than `after`."""
         ...
 
-    async def keyed(self, key: str) -> tuple[KeyedRequest, str] | None:
-        """The request that came with an idempotency key and the id of the session it made."""
+    async def find_keyed(self, key: str) -> tuple[KeyedRequest, str] | None:
+        """The request that came with an idempotency key, and the id of the session that it created."""
         ...
 
     async def check(self) -> None:

@@ -1,4 +1,4 @@
-"""Records <-> the columns of the store's tables."""
+"""Converts records to the columns of the store's tables and back."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NO_DEPTH = np.zeros((0, 0), np.float32)
 
 
 def fixed_columns(record: Record) -> dict[str, Any]:
-    """What never changes after creation."""
+    """The columns that never change after the session's creation."""
     return {
         "id": record.id,
         "created": record.created,
@@ -29,9 +29,9 @@ def fixed_columns(record: Record) -> dict[str, Any]:
 
 
 def changing_columns(record: Record) -> dict[str, Any]:
-    """What each step may change."""
+    """The columns that each step may change."""
     return {
-        "view": session.session_to_proto(record.view()).SerializeToString(),
+        "view": session.session_to_proto(record.to_session()).SerializeToString(),
         "skipped": json.dumps(record.skipped),
         "answered": json.dumps(record.answered),
     }
@@ -46,7 +46,7 @@ def session_from_view(view: bytes) -> Session:
 
 
 def record_from_columns(columns: dict[str, Any], beams: Iterable[bytes]) -> Record:
-    """The record whose columns these are; `beams` of its scans in their order."""
+    """The record with these columns; `beams`: those of its scans, in order."""
     view = session_from_view(columns["view"])
     request, _, _ = session.request_from_proto(orchestrator_pb2.CreateSessionRequest.FromString(columns["request"]))
     u0, v0 = json.loads(columns["origin"])

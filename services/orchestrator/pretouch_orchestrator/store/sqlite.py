@@ -1,4 +1,4 @@
-"""The store in one SQLite file."""
+"""The session store in one SQLite file."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from pretouch_orchestrator.store.rows import (
 FILE_NAME = "sessions.sqlite"
 
 
-def migrations() -> list[str]:
-    """The scripts that lead from an empty file to the present tables; `PRAGMA user_version` counts those applied."""
+def load_migrations() -> list[str]:
+    """The scripts that migrate an empty file to the present schema; `PRAGMA user_version` counts the applied ones."""
     folder = resources.files(__package__) / "migrations"
     names = sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".sql"))
     return [(folder / name).read_text("utf-8") for name in names]
 
 
 class SqliteStore:
-    """A `Store` over one connection that writes and one that reads, so that readers see whole transactions only."""
+    """A `Store` with a connection for writing and one for reading, so that readers see only complete transactions."""
 
     def __init__(self, writer: aiosqlite.Connection, reader: aiosqlite.Connection) -> None:
         self._writer = writer
@@ -49,11 +49,11 @@ class SqliteStore:
         columns = await asyncio.to_thread(lambda: fixed_columns(record) | changing_columns(record))
         async with self._transaction() as db:
             marks = ", ".join(f":{name}" for name in columns)
-            await _run(db, f"INSERT INTO session ({', '.join(columns)}) VALUES ({marks})", columns)
-            number = await _number(db, record.id)
+            await _execute(db, f"INSERT INTO session ({', '.join(columns)}) VALUES ({marks})", columns)
+            number = await _find_number(db, record.id)
             await _append(db, number, record, events)
             if key is not None:
-                await _run(
+                await _execute(
                     db,
                     "INSERT INTO idempotency_key (key, fingerprint, session) VALUES (?, ?, ?)",
                     (key.key, key.fingerprint, number),
@@ -62,20 +62,20 @@ class SqliteStore:
     async def update(self, record: Record, events: Sequence[NewEvent]) -> None:
         columns = await asyncio.to_thread(changing_columns, record)
         async with self._transaction() as db:
-            number = await _number(db, record.id)
+            number = await _find_number(db, record.id)
             changes = ", ".join(f"{name} = :{name}" for name in columns)
-            await _run(db, f"UPDATE session SET {changes} WHERE number = :number", columns | {"number": number})
+            await _execute(db, f"UPDATE session SET {changes} WHERE number = :number", columns | {"number": number})
             await _append(db, number, record, events)
 
-    async def record(self, session_id: str) -> Record:
-        row = await self._one("SELECT * FROM session WHERE id = ?", session_id)
+    async def load_record(self, session_id: str) -> Record:
+        row = await self._read_one("SELECT * FROM session WHERE id = ?", session_id)
         beams = await self._read("SELECT beams FROM scan WHERE session = ? ORDER BY position", (row["number"],))
         return await asyncio.to_thread(record_from_columns, dict(row), [scan["beams"] for scan in beams])
 
-    async def session(self, session_id: str) -> Session:
-        return session_from_view((await self._one("SELECT view FROM session WHERE id = ?", session_id))["view"])
+    async def load_session(self, session_id: str) -> Session:
+        return session_from_view((await self._read_one("SELECT view FROM session WHERE id = ?", session_id))["view"])
 
-    async def page(self, limit: int, before: int | None) -> tuple[list[Session], int | None]:
+    async def list_sessions(self, limit: int, before: int | None) -> tuple[list[Session], int | None]:
         rows = await self._read(
             "SELECT number, view FROM session WHERE number < ? ORDER BY number DESC LIMIT ?",
             (2**63 - 1 if before is None else before, limit + 1),
@@ -84,14 +84,14 @@ class SqliteStore:
         sessions = await asyncio.to_thread(lambda: [session_from_view(row["view"]) for row in kept])
         return sessions, kept[-1]["number"] if len(rows) > limit else None
 
-    async def events(self, session_id: str, after: int) -> list[Event]:
-        number = (await self._one("SELECT number FROM session WHERE id = ?", session_id))["number"]
+    async def load_events(self, session_id: str, after: int) -> list[Event]:
+        number = (await self._read_one("SELECT number FROM session WHERE id = ?", session_id))["number"]
         rows = await self._read(
             "SELECT id, type, data FROM event WHERE session = ? AND id > ? ORDER BY id", (number, after)
         )
         return [Event(row["type"], json.loads(row["data"]), row["id"]) for row in rows]
 
-    async def keyed(self, key: str) -> tuple[KeyedRequest, str] | None:
+    async def find_keyed(self, key: str) -> tuple[KeyedRequest, str] | None:
         rows = await self._read(
             "SELECT fingerprint, id FROM idempotency_key JOIN session ON number = session WHERE key = ?", (key,)
         )
@@ -99,13 +99,13 @@ class SqliteStore:
 
     async def check(self) -> None:
         async with self._transaction() as db:
-            await _run(db, "UPDATE session SET number = number WHERE 0", ())
+            await _execute(db, "UPDATE session SET number = number WHERE 0", ())
 
     @asynccontextmanager
     async def _transaction(self) -> AsyncIterator[aiosqlite.Connection]:
         async with self._writing:
             try:
-                await _run(self._writer, "BEGIN IMMEDIATE", ())
+                await _execute(self._writer, "BEGIN IMMEDIATE", ())
                 yield self._writer
                 await self._writer.commit()
             except sqlite3.OperationalError as error:
@@ -120,10 +120,10 @@ class SqliteStore:
         except sqlite3.OperationalError as error:
             raise Unavailable(f"The session store cannot be read: {error}.", _REMEDY) from error
 
-    async def _one(self, statement: str, session_id: str) -> sqlite3.Row:
+    async def _read_one(self, statement: str, session_id: str) -> sqlite3.Row:
         rows = await self._read(statement, (session_id,))
         if not rows:
-            raise _unknown(session_id)
+            raise _not_found(session_id)
         return rows[0]
 
 
@@ -132,28 +132,28 @@ _REMEDY = "Check the state directory's disk and permissions, then try again."
 
 @asynccontextmanager
 async def open_store(folder: Path) -> AsyncIterator[SqliteStore]:
-    """The store in `folder`, which is made if need be; its tables are brought up to date.
+    """Opens the store in `folder`, which is created if it does not exist, and migrates its tables.
 
     Raises:
-        Unavailable: the folder cannot be used, another process uses it, or a newer pretouch wrote it.
+        Unavailable: the folder is not usable, in use by another process, or written by a newer pretouch.
     """
     async with AsyncExitStack() as stack:
         try:
-            stack.callback(os.close, _locked(folder))
-            writer = await stack.enter_async_context(_connection(folder / FILE_NAME))
+            stack.callback(os.close, _acquire_lock(folder))
+            writer = await stack.enter_async_context(_connect(folder / FILE_NAME))
             await _migrate(writer, folder)
-            reader = await stack.enter_async_context(_connection(folder / FILE_NAME))
+            reader = await stack.enter_async_context(_connect(folder / FILE_NAME))
             await reader.execute_fetchall("PRAGMA query_only = ON")
         except (OSError, sqlite3.Error) as error:
             raise Unavailable(f"The state directory {folder} cannot be used: {error}.", _REMEDY) from error
         yield SqliteStore(writer, reader)
 
 
-def _locked(folder: Path) -> int:
-    """A file descriptor that holds the lock of `folder`, which is made if need be.
+def _acquire_lock(folder: Path) -> int:
+    """A file descriptor that holds the lock of `folder`, which is created if it does not exist.
 
-    Two orchestrators on one store would answer a session twice. The system lets go of the lock when the process ends,
-    however it does.
+    Two orchestrators on one store would answer a session twice. The operating system releases the lock when the process
+    ends, in whatever way.
     """
     folder.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -168,36 +168,36 @@ def _locked(folder: Path) -> int:
 
 
 @asynccontextmanager
-async def _connection(path: Path) -> AsyncIterator[aiosqlite.Connection]:
+async def _connect(path: Path) -> AsyncIterator[aiosqlite.Connection]:
     async with aiosqlite.connect(path, isolation_level=None) as db:
         db.row_factory = sqlite3.Row
         await db.execute_fetchall("PRAGMA journal_mode = WAL")
-        # FULL: what was answered survives a power cut too. Steps are seconds apart, so the fsync costs nothing.
+        # FULL: answered steps survive a power cut. Steps are seconds apart, so the fsync costs nothing.
         await db.execute_fetchall("PRAGMA synchronous = FULL")
         await db.execute_fetchall("PRAGMA foreign_keys = ON")
         yield db
 
 
 async def _migrate(db: aiosqlite.Connection, folder: Path) -> None:
-    scripts = migrations()
+    scripts = load_migrations()
     ((applied,),) = await db.execute_fetchall("PRAGMA user_version")
     if applied > len(scripts):
         raise Unavailable(
-            f"The store in {folder} has version {applied}; this pretouch knows versions up to {len(scripts)}.",
-            "Use a pretouch at least as new as the one that wrote it, or another directory.",
+            f"The store in {folder} has version {applied}; this pretouch supports versions up to {len(scripts)}.",
+            "Use a pretouch at least as new as the one that wrote it, or choose another directory.",
         )
     for version, script in enumerate(scripts[applied:], start=applied + 1):
         await db.executescript(f"BEGIN; {script}; PRAGMA user_version = {version}; COMMIT;")
 
 
-async def _number(db: aiosqlite.Connection, session_id: str) -> int:
+async def _find_number(db: aiosqlite.Connection, session_id: str) -> int:
     for (number,) in await db.execute_fetchall("SELECT number FROM session WHERE id = ?", (session_id,)):
         return int(number)
-    raise _unknown(session_id)
+    raise _not_found(session_id)
 
 
 async def _append(db: aiosqlite.Connection, number: int, record: Record, events: Sequence[NewEvent]) -> None:
-    """Writes the scans that the store does not have yet, and the events."""
+    """Inserts the scans that are not stored yet, and the events."""
     ((kept, last_event),) = await db.execute_fetchall(
         "SELECT (SELECT count(*) FROM scan WHERE session = :n), "
         "(SELECT coalesce(max(id), 0) FROM event WHERE session = :n)",
@@ -205,15 +205,15 @@ async def _append(db: aiosqlite.Connection, number: int, record: Record, events:
     )
     for position in range(kept, len(record.measured)):
         values = (number, position, beams_column(record.measured[position]))
-        await _run(db, "INSERT INTO scan (session, position, beams) VALUES (?, ?, ?)", values)
+        await _execute(db, "INSERT INTO scan (session, position, beams) VALUES (?, ?, ?)", values)
     for event_id, event in enumerate(events, start=last_event + 1):
         row = (number, event_id, event.type, json.dumps(event.data))
-        await _run(db, "INSERT INTO event (session, id, type, data) VALUES (?, ?, ?, ?)", row)
+        await _execute(db, "INSERT INTO event (session, id, type, data) VALUES (?, ?, ?, ?)", row)
 
 
-async def _run(db: aiosqlite.Connection, statement: str, values: Any) -> None:
+async def _execute(db: aiosqlite.Connection, statement: str, values: Any) -> None:
     await (await db.execute(statement, values)).close()
 
 
-def _unknown(session_id: str) -> NotFound:
+def _not_found(session_id: str) -> NotFound:
     return NotFound(f"There is no session {session_id!r:.80}.", "List the sessions, or create one.")

@@ -1,4 +1,4 @@
-"""The session's ports over gRPC: detector, registrar and sensor gateway as they really are."""
+"""gRPC clients of the upstream services: detector, registrar and sensor gateway."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from pretouch.v1 import common_pb2, detector_pb2, detector_pb2_grpc, registrar_p
 from pretouch.v1 import sensor_gateway_pb2 as gateway_pb2
 from pretouch.v1 import sensor_gateway_pb2_grpc as gateway_pb2_grpc
 from pretouch.wire import common
-from pretouch_orchestrator.upstream.connection import Upstream
+from pretouch_orchestrator.upstream.connection import UpstreamConnection
 from pretouch_orchestrator.upstream.interfaces import ProposedRegion
 
 _QUICK, _LONG = 10.0, 30.0
-"""s: deadlines of a look-up and of a computation."""
+"""s: deadlines of a lookup and of a computation."""
 
 
-class Scenes:
-    """Scenes as messages, packed once for as long as the scene lives."""
+class SceneMessages:
+    """Caches each scene's message for as long as the scene exists."""
 
     def __init__(self) -> None:
-        self._packed: WeakKeyDictionary[Scene, common_pb2.Scene] = WeakKeyDictionary()
+        self._messages: WeakKeyDictionary[Scene, common_pb2.Scene] = WeakKeyDictionary()
 
-    def packed(self, scene: Scene) -> common_pb2.Scene:
-        message = self._packed.get(scene)
+    def pack(self, scene: Scene) -> common_pb2.Scene:
+        message = self._messages.get(scene)
         if message is None:
-            message = self._packed[scene] = common.scene_to_proto(scene)
+            message = self._messages[scene] = common.scene_to_proto(scene)
         return message
 
 
-class GrpcDetector:
-    """The detector."""
+class DetectorClient:
+    """Implements `interfaces.Detector`."""
 
-    def __init__(self, upstream: Upstream, scenes: Scenes) -> None:
+    def __init__(self, upstream: UpstreamConnection, scenes: SceneMessages) -> None:
         self._upstream = upstream
         self._stub: Any = detector_pb2_grpc.DetectorServiceStub(upstream.channel)
         self._scenes = scenes
@@ -55,7 +55,7 @@ class GrpcDetector:
         if proposer is not None:
             await self._check_ready(proposer)
         request = detector_pb2.ProposeRequest(
-            scene=self._scenes.packed(scene),
+            scene=self._scenes.pack(scene),
             proposer=proposer or "",
             sensor=common.sensor_to_proto(sensor),
             seed=seed,
@@ -75,14 +75,14 @@ class GrpcDetector:
             raise Unavailable(
                 f"The proposer {proposer.value!r} is not ready{''.join(f': {reason}' for reason in reasons)}. "
                 f"Ready: {', '.join(ready) or 'none'}.",
-                "Choose one that is ready, or leave out `proposer` to get the best of them.",
+                "Choose one that is ready, or leave out `proposer` to use the best of them.",
             )
 
 
-class GrpcRegistrar:
-    """The registrar."""
+class RegistrarClient:
+    """Implements `interfaces.Registrar`."""
 
-    def __init__(self, upstream: Upstream, scenes: Scenes) -> None:
+    def __init__(self, upstream: UpstreamConnection, scenes: SceneMessages) -> None:
         self._upstream = upstream
         self._stub: Any = registrar_pb2_grpc.RegistrarServiceStub(upstream.channel)
         self._scenes = scenes
@@ -90,9 +90,9 @@ class GrpcRegistrar:
     async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
         """See `interfaces.Registrar`."""
         request = registrar_pb2.RegisterRequest(
-            scene=self._scenes.packed(scene),
+            scene=self._scenes.pack(scene),
             scans=[common.scan_to_proto(scan) for scan in scans],
-            settings=_settings(prior, sensor),
+            settings=_settings_to_proto(prior, sensor),
         )
         answer = await self._upstream.call(self._stub.Register, request, _LONG)
         return common.estimate_from_proto(answer.estimate)
@@ -102,9 +102,9 @@ class GrpcRegistrar:
     ) -> list[float]:
         """See `interfaces.Registrar`."""
         request = registrar_pb2.PredictScansRequest(
-            scene=self._scenes.packed(scene),
+            scene=self._scenes.pack(scene),
             scans=[common.scan_to_proto(scan) for scan in scans],
-            settings=_settings(prior, sensor),
+            settings=_settings_to_proto(prior, sensor),
             candidates=[
                 registrar_pb2.CandidatePath(
                     base_t_tip=common.array_to_proto(path.base_T_tip, "f8"), t=common.array_to_proto(path.t, "f8")
@@ -121,20 +121,20 @@ class GrpcRegistrar:
         return list(answer.expected_errors)
 
 
-def _settings(prior: Prior, sensor: Sensor) -> registrar_pb2.RegistrationSettings:
+def _settings_to_proto(prior: Prior, sensor: Sensor) -> registrar_pb2.RegistrationSettings:
     return registrar_pb2.RegistrationSettings(prior=common.prior_to_proto(prior), sensor=common.sensor_to_proto(sensor))
 
 
-class GrpcGateway:
-    """The sensor gateway."""
+class GatewayClient:
+    """Implements `interfaces.Gateway`."""
 
-    def __init__(self, upstream: Upstream) -> None:
+    def __init__(self, upstream: UpstreamConnection) -> None:
         self._upstream = upstream
         self._stub: Any = gateway_pb2_grpc.SensorGatewayServiceStub(upstream.channel)
 
-    async def samples(self, span: GatewaySpan) -> RangeSamples:
+    async def get_samples(self, span: GatewaySpan) -> RangeSamples:
         """See `interfaces.Gateway`."""
-        # "from" is a Python keyword, so the fields go in by name.
+        # "from" is a Python keyword, so the fields are passed as a dictionary.
         fields: dict[str, Any] = {"device": span.device, "from": span.start, "to": span.end}
         answer = await self._upstream.call(self._stub.GetSamples, gateway_pb2.GetSamplesRequest(**fields), _QUICK)
         return common.samples_from_proto(answer.samples)

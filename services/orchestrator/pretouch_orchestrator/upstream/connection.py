@@ -1,4 +1,4 @@
-"""One service that the orchestrator calls over gRPC: deadlines, retries, and errors that its own clients understand."""
+"""A gRPC connection to one upstream service, with deadlines, retries, and errors fit for the orchestrator's clients."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from pretouch.errors import (
 Answer = TypeVar("Answer")
 
 PATIENCE = 5.0
-"""s: how long a call is tried again while its service is away or busy; a restarted copy is back by then."""
+"""s: how long calls are retried while their service is unavailable or busy; enough for it to restart."""
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.05, 1.0
 _HEALTH_DEADLINE = 2.0
 _LOGGED_IDS = (("session", SESSION_ID_METADATA), ("scan", SCAN_ID_METADATA))
 
 
-class Upstream:
-    """A service at `address`, reached by `channel`; `name` is what errors call it."""
+class UpstreamConnection:
+    """The connection to the service at `address`; errors refer to it by `name`."""
 
     def __init__(self, name: str, address: str, channel: grpc.aio.Channel) -> None:
         self.name = name
@@ -42,14 +42,14 @@ class Upstream:
         self._health = health_pb2_grpc.HealthStub(channel)
 
     async def call(self, method: Callable[..., Awaitable[Answer]], request: Any, deadline: float) -> Answer:
-        """The answer of a unary `method`, within `deadline` seconds, all tries together.
+        """The response of a unary `method`, within `deadline` seconds over all retries.
 
-        The session and scan that the log's context names travel as metadata.
+        The session and scan of the log context are sent as metadata.
 
         Raises:
-            Unavailable: the service stays away for PATIENCE seconds.
-            DeadlineExceeded: it took the call but did not answer in time.
-            PretouchError: what the service itself found wrong.
+            Unavailable: the service is unavailable for PATIENCE seconds.
+            DeadlineExceeded: it accepted the call but did not respond in time.
+            PretouchError: the service's own error.
         """
         context = structlog.contextvars.get_contextvars()
         metadata = [(key, str(context[name])) for name, key in _LOGGED_IDS if name in context]
@@ -59,22 +59,22 @@ class Upstream:
             try:
                 return await method(request, timeout=started + deadline - now(), metadata=metadata)
             except grpc.aio.AioRpcError as failure:
-                passing = isinstance(from_rpc_error(failure), Unavailable | Overloaded)
-                if not passing or now() + pause > started + min(PATIENCE, deadline):
-                    raise self._explained(failure, deadline) from failure
+                transient = isinstance(from_rpc_error(failure), Unavailable | Overloaded)
+                if not transient or now() + pause > started + min(PATIENCE, deadline):
+                    raise self._explain(failure, deadline) from failure
             await asyncio.sleep(pause * random.uniform(0.5, 1.0))
             pause = min(2 * pause, _LONGEST_PAUSE)
 
     async def check(self) -> None:
-        """Raises `Unavailable` unless the service says that it serves."""
+        """Raises `Unavailable` unless the service reports that it serves."""
         try:
             answer = await self._health.Check(health_pb2.HealthCheckRequest(), timeout=_HEALTH_DEADLINE)
         except grpc.aio.AioRpcError as failure:
-            raise self._explained(failure, _HEALTH_DEADLINE) from failure
+            raise self._explain(failure, _HEALTH_DEADLINE) from failure
         if answer.status != health_pb2.HealthCheckResponse.SERVING:
-            raise Unavailable(f"The {self.name} at {self._address} is not ready.", "Wait, or look at its log.")
+            raise Unavailable(f"The {self.name} at {self._address} is not ready.", "Wait, or read its log.")
 
-    def _explained(self, failure: grpc.aio.AioRpcError, deadline: float) -> PretouchError:
+    def _explain(self, failure: grpc.aio.AioRpcError, deadline: float) -> PretouchError:
         error = from_rpc_error(failure)
         if isinstance(error, Unauthenticated):
             return Unavailable(
@@ -86,11 +86,11 @@ class Upstream:
         if isinstance(error, Unavailable):
             return Unavailable(
                 f"The {self.name} at {self._address} cannot be reached.",
-                "Start it or wait, then repeat the request: it has changed nothing yet.",
+                "Start it or wait, then repeat the request: nothing was changed.",
             )
         if isinstance(error, DeadlineExceeded):
             return DeadlineExceeded(
                 f"The {self.name} at {self._address} did not answer within {deadline:g} s.",
-                "Repeat the request: it has changed nothing yet; look at that service's load.",
+                "Repeat the request: nothing was changed. Check that service's load.",
             )
         return error

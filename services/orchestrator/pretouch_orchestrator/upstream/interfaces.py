@@ -1,4 +1,4 @@
-"""What a session needs from the other services, however they are reached."""
+"""Interfaces of the upstream services that sessions use."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ class ProposedRegion:
 
 
 class Detector(Protocol):
-    """Where is it worth looking?"""
+    """Proposes regions worth scanning."""
 
     async def propose(
         self, scene: Scene, proposer: Proposer | None, sensor: Sensor, seed: int
     ) -> tuple[Proposer, list[ProposedRegion]]:
-        """Regions, the best first, and the proposer used; `proposer` None lets the detector choose."""
+        """The proposer used, and its regions, the best first; with `proposer` None the detector chooses one."""
         ...
 
 
 class Registrar(Protocol):
-    """Where is the object, and what would a scan tell?"""
+    """Estimates the object's pose, and predicts what a scan would improve."""
 
     async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
         """The estimate from all scans."""
@@ -42,13 +42,13 @@ class Registrar(Protocol):
     async def predict(
         self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
     ) -> list[float]:
-        """m, for each candidate: the expected error after it."""
+        """m: the expected error after a scan along each candidate."""
         ...
 
 
 class Gateway(Protocol):
-    """What did the finger measure?"""
+    """Serves what the finger measured."""
 
-    async def samples(self, span: GatewaySpan) -> RangeSamples:
+    async def get_samples(self, span: GatewaySpan) -> RangeSamples:
         """The fused samples of a span of time."""
         ...
