@@ -83,7 +83,7 @@ async def read_parts(request: Request) -> dict[str, bytes]:
         if name not in PARTS:
             raise InvalidInput(f"The part {name!r:.80} is not known.", f"Send only {', '.join(PARTS)}.")
         if name in parts:
-            raise InvalidInput(f"The part {name!r} is repeated.", "Send each part once.")
+            raise InvalidInput(f"The part {name!r} occurs twice.", "Send each part once.")
         if declared and _media_type(declared) not in PARTS[name]:
             raise UnsupportedMedia(
                 f"The part {name!r} is declared as {declared!r:.80}.", f"Send it as {' or '.join(PARTS[name])}."
