@@ -19,8 +19,9 @@ _REACH = 0.05
 _LATERAL_STD = 0.01
 """m, per lateral axis of the table: least standard deviation of the surface's position. The estimate may be
 overconfident, and lateral errors of 2 cm must remain possible explanations."""
-_HALF = np.random.default_rng(0).standard_normal((50, 6))
-_NORMAL_SAMPLES = np.concatenate([_HALF, -_HALF])
+_DRAWS = np.random.default_rng(0).standard_normal((50, 6))
+_NORMAL_SAMPLES = np.concatenate([_DRAWS, -_DRAWS])
+"""Fixed standard normal samples, each together with its opposite."""
 _MAX_GAP = 0.004
 """m: a cell this near to a seen one gets its height; pixels are that far apart on a slanted surface."""
 _MAX_TABLE_HEIGHT = 0.003

@@ -13,7 +13,7 @@ from pretouch_orchestrator.perception.heightmap import HeightMap
 from pretouch_orchestrator.perception.table import table_covariance
 
 FINGER_RADIUS = 0.010
-"""m around the beam."""
+"""m: how far the finger extends around the beam."""
 _DISC_BOXES = 6
 
 
