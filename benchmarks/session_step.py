@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 import psutil
-from pretouch_orchestrator.loop import Loop
+from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_registrar.warm_up import warm_up

@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.path import plan_paths
+from pretouch_orchestrator.planning.path import plan_paths
+from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
 from pretouch_simulation.fingers.thin_beam import ThinBeam

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from collecting import RESULTS, SHARED
-from pretouch_orchestrator.sensor_check import judge
+from pretouch_orchestrator.perception.sensor_check import diagnose
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.evaluation import Protocol, finger_of, loop_of, request_of
@@ -63,7 +63,7 @@ async def session(case: Case, protocol: Protocol, registrar: Registrar, fault: C
     while record.next_scan is not None and len(record.scans) < SCANS:
         rng = generator("finger", protocol.seed, case.name, case.view, len(record.scans))
         samples = scan_along(case.world, record.next_scan.path, finger.sensor, finger, rng)
-        verdicts += bool(judge(samples, finger.sensor, record.scene, record.estimate, record.measured))
+        verdicts += bool(diagnose(samples, finger.sensor, record.scene, record.estimate, record.measured))
         empty += not samples.beams(finger.sensor).returned.any()
         record = await loop.advance(record, record.next_scan.scan_id, samples)
     error = case.error(record.estimate.base_T_correction)

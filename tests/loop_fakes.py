@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.ports import ProposedRegion
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.upstream.interfaces import ProposedRegion
 from scenes import Box, View, World
 
 from pretouch.errors import Unavailable

@@ -7,7 +7,7 @@ from dataclasses import replace
 import box_view
 import fake_upstream
 import numpy as np
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.record import Record
 
 from pretouch.camera import DepthImage
 from pretouch.errors import Internal, problem

@@ -3,7 +3,7 @@
 A service package offers in its module `service` an async context manager
 
     @asynccontextmanager
-    async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
+    async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
         ...                      # warm up; the health service answers NOT_SERVING meanwhile
         add_XServiceServicer_to_server(servicer, server)
         yield ("pretouch.v1.XService",)
@@ -12,10 +12,10 @@ A service package offers in its module `service` an async context manager
 and the command line serves it with `serve`, a test or a program that hosts it with `started`.
 """
 
-from pretouch.serving.kit import Kit
+from pretouch.serving.context import ServiceContext
 from pretouch.serving.metrics import Metrics
 from pretouch.serving.process import serve
 from pretouch.serving.server import Running, Started, started
 from pretouch.serving.settings import Settings
 
-__all__ = ["Kit", "Metrics", "Running", "Settings", "Started", "serve", "started"]
+__all__ = ["Metrics", "Running", "ServiceContext", "Settings", "Started", "serve", "started"]

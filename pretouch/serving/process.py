@@ -47,11 +47,11 @@ async def serve(name: str, running: Running, settings: Settings, *, until_stdin_
     try:
         async with started(name, running, settings) as service:
             warm = True
-            service.kit.log.info(
+            service.context.log.info(
                 "ready", host=settings.host, port=service.port, metrics_port=service.metrics_port, pid=os.getpid()
             )
             await told.wait()
-            service.kit.log.info("stopping")
+            service.context.log.info("stopping")
     except asyncio.CancelledError:
         if not told.is_set():
             raise

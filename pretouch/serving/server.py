@@ -15,14 +15,14 @@ from grpc_reflection.v1alpha import reflection, reflection_pb2_grpc
 
 from pretouch.channel import MESSAGE_LIMITS
 from pretouch.errors import Unavailable
-from pretouch.serving.calls import Calls
-from pretouch.serving.gate import Gate
-from pretouch.serving.kit import Kit
+from pretouch.serving.admission import AdmissionControl
+from pretouch.serving.context import ServiceContext
+from pretouch.serving.interceptor import CallInterceptor
 from pretouch.serving.metrics import MetricsServer
 from pretouch.serving.settings import Settings
 from pretouch.tls import server_credentials
 
-Running = Callable[[grpc.aio.Server, Kit], AbstractAsyncContextManager[tuple[str, ...]]]
+Running = Callable[[grpc.aio.Server, ServiceContext], AbstractAsyncContextManager[tuple[str, ...]]]
 """A service: registers its servicers, warms up, yields their full names, and closes what it opened."""
 
 _OPTIONS = (
@@ -39,7 +39,7 @@ _NOT_SERVING = health_pb2.HealthCheckResponse.NOT_SERVING
 class Started:
     """A service that serves."""
 
-    kit: Kit
+    context: ServiceContext
     port: int
     """The bound gRPC port."""
     metrics_port: int | None
@@ -73,18 +73,19 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
         Unavailable: a port cannot be bound.
     """
     async with AsyncExitStack() as stack:
-        kit = Kit(name, settings)
-        stack.callback(kit.close)
-        gate = Gate(settings.token)
+        context = ServiceContext(name, settings)
+        stack.callback(context.close)
+        admission = AdmissionControl(settings.token)
         registry = _Registry()
-        server = grpc.aio.server(handlers=(registry,), interceptors=(Calls(kit, gate),), options=_OPTIONS)
+        interceptors = (CallInterceptor(context, admission),)
+        server = grpc.aio.server(handlers=(registry,), interceptors=interceptors, options=_OPTIONS)
         statuses = health.aio.HealthServicer()
         await statuses.set("", _NOT_SERVING)
         health_pb2_grpc.add_HealthServicer_to_server(statuses, server)
         port = _bind(server, settings)
-        metrics_port = _serve_metrics(stack, kit, settings)
+        metrics_port = _serve_metrics(stack, context, settings)
         if not settings.loopback:
-            kit.log.warning(
+            context.log.warning(
                 "reachable from other machines",
                 host=settings.host,
                 token=settings.token is not None,
@@ -92,18 +93,18 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
             )
         stack.push_async_callback(server.stop, None)
         await server.start()
-        services = await stack.enter_async_context(running(cast(grpc.aio.Server, registry), kit))
+        services = await stack.enter_async_context(running(cast(grpc.aio.Server, registry), context))
         names = (*services, health.SERVICE_NAME, reflection.SERVICE_NAME)
         reflection_pb2_grpc.add_ServerReflectionServicer_to_server(reflection.aio.ReflectionServicer(names), registry)
-        gate.open()
+        admission.open()
         for service in ("", *services):
             await statuses.set(service, _SERVING)
         try:
-            yield Started(kit, port, metrics_port)
+            yield Started(context, port, metrics_port)
         finally:
             await statuses.enter_graceful_shutdown()
-            kit.draining.set()
-            await gate.drain(settings.grace)
+            context.draining.set()
+            await admission.drain(settings.grace)
             await server.stop(None)
 
 
@@ -120,11 +121,11 @@ def _bind(server: grpc.aio.Server, settings: Settings) -> int:
         raise _taken(address) from error
 
 
-def _serve_metrics(stack: AsyncExitStack, kit: Kit, settings: Settings) -> int | None:
+def _serve_metrics(stack: AsyncExitStack, context: ServiceContext, settings: Settings) -> int | None:
     if settings.metrics_port is None:
         return None
     try:
-        server = MetricsServer(kit.metrics, settings.host, settings.metrics_port)
+        server = MetricsServer(context.metrics, settings.host, settings.metrics_port)
     except OSError as error:
         raise _taken(settings.address(settings.metrics_port)) from error
     stack.push_async_callback(asyncio.to_thread, server.close)

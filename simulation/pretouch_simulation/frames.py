@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pretouch_orchestrator.table import fit_table
+from pretouch_orchestrator.perception.table import fit_table
 from scipy import ndimage
 
 from pretouch.camera import Camera, DepthImage, decode_depth, decode_png

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pretouch_detector.proposals import propose
-from pretouch_orchestrator.ports import ProposedRegion
+from pretouch_orchestrator.upstream.interfaces import ProposedRegion
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.record import Record
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.engines.solution import pose_of
 from pretouch_registrar.registration import Registrar, Settings

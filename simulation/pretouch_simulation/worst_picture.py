@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.record import Record
 
 from pretouch.geometry import Array, Pose
 from pretouch.tof import Scan

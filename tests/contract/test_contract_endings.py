@@ -61,7 +61,7 @@ fine = Tolerance(error=1e-6)
         ("fraction", {"budget": Budget(20, 1e5, 0.001)}, measured, unchanged, 0, "0.1% allowed"),
         ("nothing-to-gain", {"budget": roomy, "tolerance": fine}, measured, unchanged, 3, "Of 3 regions"),
         ("nothing-to-gain", {"budget": roomy}, skipped, unchanged, 0, "could not reach 3"),
-        ("out-of-range", {"budget": Budget(2, 1e5, 1.0), "scan": HIGH}, missed, unchanged, 2, "of 2 scans came back"),
+        ("out-of-range", {"budget": Budget(2, 1e5, 1.0), "scan": HIGH}, missed, unchanged, 2, "of 2 scans returned"),
         ("sensor", {"budget": roomy}, missed, unchanged, 2, "it is dead"),
         ("misfit", {"budget": roomy}, measured, misfit, 3, "0.0004"),
         ("sensor", {"budget": roomy}, measured, stuck, 2, STUCK),

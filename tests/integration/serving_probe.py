@@ -1,4 +1,4 @@
-"""A service for the serving kit's tests, with one method of each kind; as a program it serves itself."""
+"""A service for `pretouch.serving`'s tests, with one method of each kind; as a program it serves itself."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import structlog
 from google.protobuf.wrappers_pb2 import BytesValue, StringValue
 
 from pretouch import errors
-from pretouch.serving import Kit, Settings, serve
+from pretouch.serving import ServiceContext, Settings, serve
 
 SERVICE = "test.Probe"
 KINDS = {kind.__name__: kind for kind in errors.WIRE}
@@ -24,8 +24,8 @@ KINDS = {kind.__name__: kind for kind in errors.WIRE}
 class Probe:
     """What a call asks for is its string: an error's name, `spin`, `job`, `wait`, or something to echo."""
 
-    def __init__(self, kit: Kit) -> None:
-        self._kit = kit
+    def __init__(self, context: ServiceContext) -> None:
+        self._context = context
         self.release = threading.Event()
 
     async def unary(self, request: StringValue, context: Any) -> StringValue:
@@ -41,13 +41,13 @@ class Probe:
             case ["forever"]:
                 await asyncio.Event().wait()
             case ["spin", seconds]:
-                await self._kit.cpu(_spin, float(seconds))
+                await self._context.run_in_thread(_spin, float(seconds))
             case ["hold"]:
-                await self._kit.cpu(self.release.wait, 30)
+                await self._context.run_in_thread(self.release.wait, 30)
             case ["release"]:
                 self.release.set()
             case ["outlast"]:
-                await self._kit.draining.wait()
+                await self._context.draining.wait()
                 await asyncio.sleep(0.1)
             case ["wait", seconds]:
                 await asyncio.sleep(float(seconds))
@@ -71,7 +71,7 @@ class Probe:
 
     async def until_draining(self, request: StringValue, context: Any) -> None:
         await context.write(StringValue(value="open"))
-        await self._kit.draining.wait()
+        await self._context.draining.wait()
         await context.write(StringValue(value="draining"))
 
     async def echoed(self, requests: AsyncIterator[StringValue], context: Any) -> AsyncIterator[StringValue]:
@@ -88,8 +88,8 @@ def _spin(seconds: float) -> None:
 
 
 @asynccontextmanager
-async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
-    probe = Probe(kit)
+async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
+    probe = Probe(context)
     kinds = {
         "Unary": (grpc.unary_unary_rpc_method_handler, probe.unary, StringValue),
         "Size": (grpc.unary_unary_rpc_method_handler, probe.size, BytesValue),
@@ -108,7 +108,7 @@ async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str,
         yield (SERVICE,)
     finally:
         probe.release.set()
-        kit.log.info("closed")
+        context.log.info("closed")
 
 
 class Stub:

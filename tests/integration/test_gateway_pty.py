@@ -54,7 +54,7 @@ async def gateway(monkeypatch: pytest.MonkeyPatch, **ports: str | Path) -> Async
         started("gateway", running, Settings(grace=1.0)) as service,
         open_channel(f"127.0.0.1:{service.port}") as channel,
     ):
-        yield SensorGatewayServiceStub(channel), service.kit
+        yield SensorGatewayServiceStub(channel), service.context
 
 
 async def device_until(stub: Any, wanted: Callable[[pb.Device], bool]) -> pb.Device:
@@ -393,13 +393,13 @@ async def test_streams_end_when_the_gateway_stops(tmp_path: Path, monkeypatch: p
 
 async def test_prometheus_sees_the_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     finger = HandFinger(tmp_path / "finger")
-    async with gateway(monkeypatch, finger=tmp_path / "finger") as (stub, kit):
+    async with gateway(monkeypatch, finger=tmp_path / "finger") as (stub, context):
         await opened(stub)
         finger.measure(0)
         await device_until(stub, lambda device: device.frames == 1)
         finger.send_bytes(b"\x05\x00")
         await device_until(stub, lambda device: device.bad_frames == 1)
-        count = kit.metrics.registry.get_sample_value
+        count = context.metrics.registry.get_sample_value
         assert count("pretouch_gateway_frames_total", {"device": "finger"}) == 1
         assert count("pretouch_gateway_bad_frames_total", {"device": "finger"}) == 1
         finger.unplug()

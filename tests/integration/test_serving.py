@@ -1,4 +1,4 @@
-"""The serving kit over real sockets: tokens, limits, errors, health, metrics, overload."""
+"""`pretouch.serving` over real sockets: tokens, limits, errors, health, metrics, overload."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from serving_probe import SERVICE, Stub, running
 
 from pretouch import errors
 from pretouch.channel import MESSAGE_LIMIT, open_channel, open_sync_channel
-from pretouch.serving import Kit, Settings, Started, started
+from pretouch.serving import ServiceContext, Settings, Started, started
 
 SERVING = health_pb2.HealthCheckResponse.SERVING
 NOT_SERVING = health_pb2.HealthCheckResponse.NOT_SERVING
@@ -51,7 +51,7 @@ async def eventually(holds: Callable[[], bool | Awaitable[bool]]) -> None:
     raise AssertionError("it never came to hold")
 
 
-def value(service: Kit, metric: str, labels: dict[str, str] | None = None) -> float | None:
+def value(service: ServiceContext, metric: str, labels: dict[str, str] | None = None) -> float | None:
     return service.metrics.registry.get_sample_value(f"pretouch_probe_{metric}", labels)
 
 
@@ -176,14 +176,14 @@ async def test_messages_up_to_32_mib_pass_both_ways_and_larger_ones_are_refused(
 async def test_a_full_queue_is_refused_and_frees_up_again() -> None:
     async with probe(workers=1, max_queue=1) as (stub, service):
         held = [asyncio.create_task(_call(stub, "hold"))]
-        await eventually(lambda: value(service.kit, "calls_in_flight") == 1)
+        await eventually(lambda: value(service.context, "calls_in_flight") == 1)
         held.append(asyncio.create_task(_call(stub, "hold")))
-        await eventually(lambda: value(service.kit, "queue_jobs") == 1)
+        await eventually(lambda: value(service.context, "queue_jobs") == 1)
         assert isinstance(await failure(stub.unary(text("spin:0"), timeout=TIMEOUT)), errors.Overloaded)
         held[1].cancel()  # the one that waits gives its place up
-        await eventually(lambda: value(service.kit, "queue_jobs") == 0)
+        await eventually(lambda: value(service.context, "queue_jobs") == 0)
         next_one = asyncio.create_task(_call(stub, "spin:0"))
-        await eventually(lambda: value(service.kit, "queue_jobs") == 1)
+        await eventually(lambda: value(service.context, "queue_jobs") == 1)
         (await stub.unary(text("release"), timeout=TIMEOUT))
         assert await next_one == "spin:0"
         await held[0]
@@ -197,7 +197,7 @@ async def test_health_answers_while_every_worker_is_busy() -> None:
     async with probe(workers=2) as (stub, service), open_channel(f"127.0.0.1:{service.port}") as channel:
         busy = [asyncio.create_task(_call(stub, "spin:1")) for _ in range(2)]
         health = health_pb2_grpc.HealthStub(channel)
-        await eventually(lambda: value(service.kit, "calls_in_flight") == 2)
+        await eventually(lambda: value(service.context, "calls_in_flight") == 2)
         answer = await health.Check(health_pb2.HealthCheckRequest(), timeout=TIMEOUT)
         assert answer.status == SERVING
         assert not any(task.done() for task in busy)
@@ -213,10 +213,10 @@ async def test_a_call_without_a_deadline_gets_one() -> None:
 async def test_a_client_that_gives_up_ends_the_call() -> None:
     async with probe() as (stub, service):
         call = stub.unary(text("forever"), timeout=TIMEOUT)
-        await eventually(lambda: value(service.kit, "calls_in_flight") == 1)
+        await eventually(lambda: value(service.context, "calls_in_flight") == 1)
         call.cancel()
         labels = {"method": f"{SERVICE}/Unary", "code": "CANCELLED"}
-        await eventually(lambda: value(service.kit, "calls_total", labels) == 1)
+        await eventually(lambda: value(service.context, "calls_total", labels) == 1)
 
 
 async def _metrics(client: httpx.AsyncClient, service: Started) -> str:
@@ -246,12 +246,12 @@ async def test_session_and_scan_ids_reach_the_logs_context_and_not_the_next_call
 
 async def test_health_follows_warm_up_and_drain() -> None:
     warm, entered = asyncio.Event(), asyncio.Event()
-    kits: list[Kit] = []
+    contexts: list[ServiceContext] = []
 
     @asynccontextmanager
-    async def slow(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
-        kits.append(kit)
-        async with running(server, kit) as names:
+    async def slow(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
+        contexts.append(context)
+        async with running(server, context) as names:
             entered.set()
             await warm.wait()
             yield names
@@ -279,7 +279,7 @@ async def test_health_follows_warm_up_and_drain() -> None:
         stream = stub.until_draining(text(""), timeout=TIMEOUT)
         assert (await stream.read()).value == "open"
         held = asyncio.create_task(_call(stub, "outlast"))
-        await eventually(lambda: value(kits[0], "calls_in_flight") == 2)
+        await eventually(lambda: value(contexts[0], "calls_in_flight") == 2)
         kept = stub.echoed(timeout=TIMEOUT)
         await kept.write(text("holds the drain open"))
         assert (await kept.read()).value == "holds the drain open"

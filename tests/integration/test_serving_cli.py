@@ -15,7 +15,7 @@ import grpc
 import pytest
 from serving_probe import running
 
-from pretouch.serving import Kit, Settings, started
+from pretouch.serving import ServiceContext, Settings, started
 
 TIMEOUT = 60
 WITHOUT_EXTRAS = """
@@ -124,8 +124,8 @@ async def test_healthcheck_tells_serving_from_warming_up_from_absent() -> None:
     entered, warm = asyncio.Event(), asyncio.Event()
 
     @asynccontextmanager
-    async def slow(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
-        async with running(server, kit) as names:
+    async def slow(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
+        async with running(server, context) as names:
             entered.set()
             await warm.wait()
             yield names

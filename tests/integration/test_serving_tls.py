@@ -1,4 +1,4 @@
-"""TLS and mutual TLS between the channel and the serving kit, with certificates made here."""
+"""TLS and mutual TLS between the channel and `pretouch.serving`, with certificates made here."""
 
 from __future__ import annotations
 

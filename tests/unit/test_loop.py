@@ -19,10 +19,12 @@ from loop_fakes import (
     opened,
     samples_of,
 )
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.endings import end_session
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.sessions.transitions import get_pending_plan
 
-from pretouch.errors import Conflict, Internal, InvalidInput, NotFound, Unavailable
+from pretouch.errors import Conflict, Internal, InvalidInput, NotFound, Unavailable, problem
 from pretouch.estimate import Prior, point_error
 from pretouch.geometry import Pose
 from pretouch.session import (
@@ -226,32 +228,32 @@ def test_scan_ids_unknown_answered_and_late() -> None:
     assert first is not None
     with pytest.raises(NotFound):
         asyncio.run(loop.advance(record, "nonsense", misses(3)))
-    assert loop.check(record, first.scan_id) is first
+    assert get_pending_plan(record, first.scan_id) is first
     after = answer(loop, record, samples_of(record))
     assert after.next_scan is not None
     assert after.next_scan.scan_id != first.scan_id
     assert asyncio.run(loop.advance(after, first.scan_id, misses(0))) is after
-    cancelled = loop.cancel(after)
+    cancelled = end_session(after, State.CANCELLED)
     assert cancelled.state is State.CANCELLED
     assert cancelled.next_scan is None
     assert asyncio.run(loop.advance(cancelled, first.scan_id, misses(3))) is cancelled
     with pytest.raises(Conflict):
         asyncio.run(loop.advance(cancelled, after.next_scan.scan_id, misses(3)))
     with pytest.raises(Conflict):
-        loop.check(cancelled, after.next_scan.scan_id)
+        get_pending_plan(cancelled, after.next_scan.scan_id)
 
 
 def test_a_fault_ends_a_session_with_its_reason_and_an_end_is_final() -> None:
     loop = Loop(RandomDetector(), FormulaRegistrar())
     record = opened(loop, asked())
-    failed = loop.fail(record, Internal("A defect.", "Report it."))
+    failed = end_session(record, State.FAILED, problem(Internal("A defect.", "Report it.")))
     assert failed.state is State.FAILED
     assert failed.reason is not None
     assert failed.reason["detail"] == "A defect."
-    assert loop.cancel(failed) is failed
-    cancelled = loop.cancel(record)
+    assert end_session(failed, State.CANCELLED) is failed
+    cancelled = end_session(record, State.CANCELLED)
     assert cancelled.reason is None
-    assert loop.fail(cancelled, Internal("Late.")) is cancelled
+    assert end_session(cancelled, State.FAILED, problem(Internal("Late."))) is cancelled
 
 
 def test_the_same_request_gives_the_same_session() -> None:

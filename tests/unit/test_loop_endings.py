@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 from loop_fakes import FormulaRegistrar, RandomDetector, answer, asked, misses, opened, samples_of
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.endings import end_session
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
 
 from pretouch.session import Budget, Skipped, State, Tolerance
 
@@ -26,7 +27,7 @@ def exhausted(record: Record) -> dict[str, Any]:
     assert record.state is State.EXHAUSTED
     assert record.next_scan is None
     assert record.reason is not None
-    assert record.view().reason == record.reason
+    assert record.to_session().reason == record.reason
     assert record.reason.keys() == {"type", "title", "status", "detail", "remedy"}
     assert all(record.reason.values())
     assert record.reason["status"] == 409
@@ -137,7 +138,7 @@ def test_a_budget_that_is_spent_is_named_with_its_numbers(
     name = request.node.callspec.id
     assert reason["type"].endswith(f":{name}")
     assert numbers in reason["detail"]
-    assert f"{1000 * record.estimate.error_quantile:.1f} mm; 2 mm were asked for" in reason["detail"]
+    assert f"{1000 * record.estimate.error_quantile:.1f} mm; 2 mm were requested" in reason["detail"]
     assert f"budget.{name}" in reason["remedy"]
 
 
@@ -156,4 +157,4 @@ def test_an_end_keeps_its_reason() -> None:
     loop = Loop(RandomDetector(count=0), FormulaRegistrar())
     record = opened(loop, asked())
     assert exhausted(record)["type"].endswith(":nothing-to-gain")
-    assert loop.cancel(record) is record
+    assert end_session(record, State.CANCELLED) is record

@@ -9,8 +9,9 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from loop_fakes import FormulaRegistrar, RandomDetector, answer, asked, misses, opened, samples_of
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.record import Record
+from pretouch_orchestrator.sessions.endings import end_session
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
 
 from pretouch.errors import Conflict, InvalidInput, NotFound
 from pretouch.exhaustion import Exhaustion
@@ -93,7 +94,7 @@ class SessionMachine(RuleBasedStateMachine):
     @rule(chance=st.integers(0, 5))
     def cancel(self, chance: int) -> None:
         if chance == 0:
-            self.record = self.loop.cancel(self.record)
+            self.record = end_session(self.record, State.CANCELLED)
 
     @invariant()
     def an_end_is_final(self) -> None:

@@ -10,15 +10,15 @@ import box_view
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pretouch_orchestrator import rest_models as documents
-from pretouch_orchestrator.bodies import json_from_bytes
-from pretouch_orchestrator.rest import rest_app
+from pretouch_orchestrator.rest import models as documents
+from pretouch_orchestrator.rest.app import create_rest_app
+from pretouch_orchestrator.rest.bodies import json_from_bytes
 from pydantic import TypeAdapter
 from records import a_record, after_a_scan
 
 from pretouch.errors import Malformed
 from pretouch.estimate import Prior
-from pretouch.serving import Kit, Settings
+from pretouch.serving import ServiceContext, Settings
 from pretouch.session import Budget, GatewaySpan, ScanSettings, Skipped, Tolerance
 from pretouch.tof import Sensor
 from pretouch.wire import json
@@ -49,7 +49,7 @@ def test_requests_as_written_are_as_described() -> None:
 
 @pytest.mark.parametrize("record", [a_record(), after_a_scan(a_record())])
 def test_sessions_as_answered_are_as_described(record: object) -> None:
-    document = json.session_to_json(record.view())  # type: ignore[attr-defined]
+    document = json.session_to_json(record.to_session())  # type: ignore[attr-defined]
     assert documents.Session.model_validate(document).model_dump(mode="json", exclude_unset=True) == document
 
 
@@ -66,9 +66,9 @@ def test_scans_as_sent_are_as_described() -> None:
 
 
 def test_the_description_refers_only_to_what_it_holds() -> None:
-    kit = Kit("orchestrator", Settings(token="t"))
-    document = rest_app(None, kit, None).openapi()  # type: ignore[arg-type]
-    kit.close()
+    context = ServiceContext("orchestrator", Settings(token="t"))
+    document = create_rest_app(None, context, None).openapi()  # type: ignore[arg-type]
+    context.close()
     referred = set(re.findall(r'"#/components/schemas/(\w+)"', text.dumps(document)))
     assert referred <= set(document["components"]["schemas"])
     assert {"Session", "SessionRequest", "Submission", "Problem"} <= referred

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pretouch_orchestrator.record import Record
-from pretouch_orchestrator.sessions import Sessions
-from pretouch_orchestrator.sqlite import SqliteStore, open_store
+from pretouch_orchestrator.sessions.manager import SessionManager
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store.sqlite import SqliteStore, open_store
 from records import a_record
 
-from pretouch.serving import Kit, Settings
+from pretouch.serving import ServiceContext, Settings
 from pretouch.session import Skipped
 
 
@@ -28,8 +28,8 @@ class SlowToRead:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._store, name)
 
-    async def record(self, session_id: str) -> Record:
-        record = await self._store.record(session_id)
+    async def load_record(self, session_id: str) -> Record:
+        record = await self._store.load_record(session_id)
         if not self.reading.is_set():
             self.reading.set()
             await self.go.wait()
@@ -51,14 +51,14 @@ async def store(tmp_path: Path) -> AsyncIterator[SlowToRead]:
 
 
 async def test_a_look_that_began_before_a_step_does_not_undo_it(store: SlowToRead) -> None:
-    kit = Kit("orchestrator", Settings())
-    sessions = Sessions(store, AnswersOnly(), None, kit)  # type: ignore[arg-type]
-    look = asyncio.create_task(sessions.answered("one", "a"))
+    context = ServiceContext("orchestrator", Settings())
+    sessions = SessionManager(store, AnswersOnly(), context)  # type: ignore[arg-type]
+    look = asyncio.create_task(sessions.find_answered("one", "a"))
     await store.reading.wait()
     await sessions.submit("one", "a", Skipped())
     store.go.set()
     assert await look is None
     await asyncio.gather(sessions.submit("one", "b", Skipped()), sessions.submit("one", "c", Skipped()))
-    assert set((await store.record("one")).answered) == {"a", "b", "c"}
+    assert set((await store.load_record("one")).answered) == {"a", "b", "c"}
     await sessions.close()
-    kit.close()
+    context.close()

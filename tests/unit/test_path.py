@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_orchestrator.envelope import Margins
-from pretouch_orchestrator.path import plan_paths
+from pretouch_orchestrator.planning.envelope import Margins
+from pretouch_orchestrator.planning.path import plan_paths
 from scenes import KINECT, Box, View, World, looking
 from scipy.spatial import KDTree
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pretouch_orchestrator.planner import Candidate, choose
+from pretouch_orchestrator.planning.planner import Candidate, choose
 
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import Planner, Region

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
-from pretouch_orchestrator.segmentation import find_object
+from pretouch_orchestrator.perception.segmentation import find_object
 from scenes import KINECT, Box, View, World, looking
 
 from pretouch.camera import Camera, DepthImage
@@ -137,7 +137,7 @@ EMPTY = np.zeros((240, 320), dtype=bool)
         ({"depth": DepthImage(np.zeros((240, 320)))}, "holds no depth"),
         ({"mask": EMPTY}, "mask is empty"),
         ({"mask": np.ones((10, 10), dtype=bool)}, "mask is"),
-        ({"roi": (400, 0, 500, 100)}, "beside the image"),
+        ({"roi": (400, 0, 500, 100)}, "outside the image"),
         ({"mask": np.eye(240, 320, dtype=bool), "roi": (300, 0, 320, 20)}, "empty within the roi"),
         ({"roi": (0, 200, 60, 240)}, "Nothing stands"),
         ({"table": Plane(np.array([0, 0, -1.0]), 0.0)}, "Nothing stands"),

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pretouch_orchestrator.sensor_check import Fault, Verdict, judge, told, without
+from pretouch_orchestrator.perception.sensor_check import Diagnosis, Fault, diagnose, drop_modules, summarize
 from scenes import Box, World
 
 from pretouch.estimate import Estimate, Prior, from_prior
@@ -58,11 +58,11 @@ def true_ranges(world: World, poses: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def faults(scan: RangeSamples, scene: Scene, sensor: Sensor = THIN, estimate: Estimate | None = None) -> list[Fault]:
-    verdicts = judge(scan, sensor, scene, estimate or BEFORE[id(scene)])
-    for verdict in verdicts:
-        assert verdict.text.endswith(".")
-        assert re.search(r"\d", verdict.text)
-    return [verdict.fault for verdict in verdicts]
+    diagnoses = diagnose(scan, sensor, scene, estimate or BEFORE[id(scene)])
+    for diagnosis in diagnoses:
+        assert diagnosis.text.endswith(".")
+        assert re.search(r"\d", diagnosis.text)
+    return [diagnosis.fault for diagnosis in diagnoses]
 
 
 ACROSS = tips(0.16, 0.09)
@@ -150,10 +150,10 @@ def test_a_module_that_measures_is_believed(
 )
 def test_another_unit_is_named_by_its_factor(unit: float, said: str) -> None:
     ranges = unit * (true_ranges(FLAT, LEVEL) + 0.0015 * np.random.default_rng(0).standard_normal(N))
-    (verdict,) = judge(samples(LEVEL, ranges), THIN, FLAT_SCENE, BEFORE[id(FLAT_SCENE)])
-    assert verdict.fault is Fault.UNIT
-    assert f"{said} " in verdict.text
-    assert "send metres" in verdict.text
+    (diagnosis,) = diagnose(samples(LEVEL, ranges), THIN, FLAT_SCENE, BEFORE[id(FLAT_SCENE)])
+    assert diagnosis.fault is Fault.UNIT
+    assert f"{said} " in diagnosis.text
+    assert "send metres" in diagnosis.text
 
 
 def test_a_code_for_no_target_is_no_unit() -> None:
@@ -185,10 +185,10 @@ def test_scans_that_could_each_be_out_of_range_are_not_all_so() -> None:
     )
     scan = samples(tips(0.012, height - 0.001)[:12], np.nan, status=7)
     estimate, earlier = BEFORE[id(FLAT_SCENE)], scan.beams(THIN)
-    assert judge(scan, THIN, FLAT_SCENE, estimate) == ()
-    assert [verdict.fault for verdict in judge(scan, THIN, FLAT_SCENE, estimate, [earlier])] == [Fault.DEAD]
+    assert diagnose(scan, THIN, FLAT_SCENE, estimate) == ()
+    assert [diagnosis.fault for diagnosis in diagnose(scan, THIN, FLAT_SCENE, estimate, [earlier])] == [Fault.DEAD]
     returned = samples(LEVEL, 0.06).beams(THIN)
-    assert judge(scan, THIN, FLAT_SCENE, estimate, [earlier, returned]) == ()
+    assert diagnose(scan, THIN, FLAT_SCENE, estimate, [earlier, returned]) == ()
 
 
 @pytest.mark.parametrize("n", [0, 1, 19])
@@ -203,19 +203,19 @@ def test_of_six_modules_the_stuck_one_is_named_and_left_out() -> None:
     noise = 0.0015 * np.random.default_rng(1).standard_normal(6 * N)
     ranges = np.where(module == 3, 0.03, np.repeat(true_ranges(SMALL, ACROSS), 6) + noise)
     scan = samples(poses, ranges, module)
-    (verdict,) = judge(scan, Sensor(tip_T_module=spread), SMALL_SCENE, BEFORE[id(SMALL_SCENE)])
-    assert (verdict.module, verdict.fault) == (3, Fault.STUCK)
-    assert verdict.text.startswith("Module 3 reads 30.0 mm in 120 of 120 samples while the surface ")
-    assert verdict.text.endswith(" varies by 40 mm: it is stuck.")
-    left = without(scan, [verdict.module])
+    (diagnosis,) = diagnose(scan, Sensor(tip_T_module=spread), SMALL_SCENE, BEFORE[id(SMALL_SCENE)])
+    assert (diagnosis.module, diagnosis.fault) == (3, Fault.STUCK)
+    assert diagnosis.text.startswith("Module 3 reads 30.0 mm in 120 of 120 samples while the surface ")
+    assert diagnosis.text.endswith(" varies by 40 mm: it is stuck.")
+    left = drop_modules(scan, [diagnosis.module])
     assert sorted(set(left.module.tolist())) == [0, 1, 2, 4, 5]
     np.testing.assert_array_equal(left.range, ranges[module != 3])
-    assert judge(left, Sensor(tip_T_module=spread), SMALL_SCENE, BEFORE[id(SMALL_SCENE)]) == ()
+    assert diagnose(left, Sensor(tip_T_module=spread), SMALL_SCENE, BEFORE[id(SMALL_SCENE)]) == ()
 
 
 def test_many_bad_modules_are_told_of_briefly() -> None:
-    verdicts = [Verdict(k, Fault.DEAD, f"Module {k} is dead.") for k in range(6)]
-    assert told(verdicts[:2]) == "Module 0 is dead. Module 1 is dead."
-    assert told(verdicts) == (
+    diagnoses = [Diagnosis(k, Fault.DEAD, f"Module {k} is dead.") for k in range(6)]
+    assert summarize(diagnoses[:2]) == "Module 0 is dead. Module 1 is dead."
+    assert summarize(diagnoses) == (
         "Module 0 is dead. Module 1 is dead. Module 2 is dead. The other 3 modules measure nothing either."
     )

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.record import Record
-from pretouch_orchestrator.sensor_check import Fault, judge
-from pretouch_orchestrator.sqlite import open_store
+from pretouch_orchestrator.perception.sensor_check import Fault, diagnose
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store.sqlite import open_store
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.finger import Finger, FingerModel, realise
@@ -117,12 +117,12 @@ def test_a_session_goes_on_from_its_stored_record(tmp_path: Path) -> None:
             await store.create(first, [], None)
             await store.update(second, [])
         async with open_store(tmp_path) as store:
-            return await store.record("s")
+            return await store.load_record("s")
 
     loaded = asyncio.run(stored())
     assert loaded.estimate.sensor_problem == second.estimate.sensor_problem != ""
     assert [len(beams) for beams in loaded.measured] == [0]
-    ends = [scanned(record, stuck(SOUND)).view() for record in (second, loaded)]
+    ends = [scanned(record, stuck(SOUND)).to_session() for record in (second, loaded)]
     assert json.session_to_json(ends[0]) == json.session_to_json(ends[1])
     assert ends[0].state is State.EXHAUSTED
 
@@ -131,8 +131,8 @@ def test_one_stuck_module_of_six_is_left_out() -> None:
     finger = one_stuck(SOUND)
     record = opened(finger)
     sent = scan(record, finger)
-    (verdict,) = judge(sent, finger.sensor, record.scene, record.estimate)
-    assert (verdict.module, verdict.fault) == (5, Fault.STUCK)
+    (diagnosis,) = diagnose(sent, finger.sensor, record.scene, record.estimate)
+    assert (diagnosis.module, diagnosis.fault) == (5, Fault.STUCK)
     after = scanned(record, finger)
     assert not after.estimate.sensor_problem
     assert CASE.error(after.estimate.base_T_correction) < INITIAL / 2
@@ -156,4 +156,4 @@ def test_a_sound_finger_is_never_doubted(name: str) -> None:
     for finger in FINGERS.values():
         record = opened(finger, case)
         sent = scan(record, finger, case)
-        assert judge(sent, finger.sensor, record.scene, record.estimate) == ()
+        assert diagnose(sent, finger.sensor, record.scene, record.estimate) == ()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pretouch_detector.proposals import propose
 from pretouch_detector.proposals.information import remaining_error
-from pretouch_orchestrator.path import plan_paths
+from pretouch_orchestrator.planning.path import plan_paths
 from pretouch_registrar.registration import Registrar, Settings
 from scenes import KINECT, Box, View, World, looking
 from scipy.stats import spearmanr

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pretouch_orchestrator.sqlite import FILE_NAME, SqliteStore, migrations, open_store
-from pretouch_orchestrator.store import Event, KeyedRequest, NewEvent
+from pretouch_orchestrator.store.protocol import Event, KeyedRequest, NewEvent
+from pretouch_orchestrator.store.sqlite import FILE_NAME, SqliteStore, load_migrations, open_store
 from records import a_record, after_a_scan
 
 from pretouch.errors import NotFound, Unavailable
@@ -41,12 +41,12 @@ async def test_a_record_comes_back_to_the_bit_from_a_reopened_store(tmp_path: Pa
     async with open_store(tmp_path) as store:
         await store.create(record, [], None)
     async with open_store(tmp_path) as store:
-        assert same(await store.record("one"), record)
+        assert same(await store.load_record("one"), record)
         record = after_a_scan(record)
         await store.update(record, [])
     async with open_store(tmp_path) as store:
-        assert same(await store.record("one"), record)
-        assert json.session_to_json(await store.session("one")) == json.session_to_json(record.view())
+        assert same(await store.load_record("one"), record)
+        assert json.session_to_json(await store.load_session("one")) == json.session_to_json(record.to_session())
 
 
 async def test_a_session_from_before_modes_and_fit_reads_as_one_with_a_single_mode_that_fits(tmp_path: Path) -> None:
@@ -62,8 +62,8 @@ async def test_a_session_from_before_modes_and_fit_reads_as_one_with_a_single_mo
         db.execute("UPDATE session SET view = ?", (message.SerializeToString(),))
         db.commit()
     async with open_store(tmp_path) as store:
-        estimate = (await store.record("one")).estimate
-        assert (await store.session("one")).reason is None
+        estimate = (await store.load_record("one")).estimate
+        assert (await store.load_session("one")).reason is None
     assert [mode.weight for mode in estimate.modes] == [1.0]
     assert same(estimate.modes[0].base_T_correction, record.estimate.base_T_correction)
     assert (estimate.fit, estimate.sensor_problem) == (1.0, "")
@@ -74,11 +74,11 @@ async def test_events_are_numbered_within_their_session(store: SqliteStore) -> N
     await store.create(a_record("one"), [NewEvent("session", {"n": 1}), NewEvent("estimate", {"n": 2})], None)
     await store.create(a_record("two"), [NewEvent("session", {"n": 3})], None)
     await store.update(after_a_scan(a_record("one")), [NewEvent("end", {"state": "failed"})])
-    assert await store.events("one", after=1) == [
+    assert await store.load_events("one", after=1) == [
         Event("estimate", {"n": 2}, 2),
         Event("end", {"state": "failed"}, 3),
     ]
-    assert [event.id for event in await store.events("two", after=0)] == [1]
+    assert [event.id for event in await store.load_events("two", after=0)] == [1]
 
 
 async def test_a_step_that_fails_leaves_nothing_behind(store: SqliteStore) -> None:
@@ -86,19 +86,19 @@ async def test_a_step_that_fails_leaves_nothing_behind(store: SqliteStore) -> No
     await store.create(record, [NewEvent("session", {})], None)
     with pytest.raises(TypeError):
         await store.update(after_a_scan(record), [NewEvent("scan", {}), NewEvent("end", {"not JSON": object()})])
-    assert same(await store.record("one"), record)
-    assert len(await store.events("one", after=0)) == 1
+    assert same(await store.load_record("one"), record)
+    assert len(await store.load_events("one", after=0)) == 1
 
 
 async def test_an_idempotency_key_leads_to_one_session(store: SqliteStore) -> None:
     key = KeyedRequest("k", "abc")
     await store.create(a_record("one"), [], key)
-    assert await store.keyed("k") == (key, "one")
-    assert await store.keyed("other") is None
+    assert await store.find_keyed("k") == (key, "one")
+    assert await store.find_keyed("other") is None
     with pytest.raises(sqlite3.IntegrityError):
         await store.create(a_record("two"), [], key)
     with pytest.raises(NotFound):
-        await store.session("two")
+        await store.load_session("two")
 
 
 async def test_pages_go_from_the_newest_to_the_oldest(store: SqliteStore) -> None:
@@ -106,7 +106,7 @@ async def test_pages_go_from_the_newest_to_the_oldest(store: SqliteStore) -> Non
         await store.create(a_record(name), [], None)
     seen, before = [], None
     while True:
-        sessions, before = await store.page(2, before)
+        sessions, before = await store.list_sessions(2, before)
         seen.append([session.id for session in sessions])
         if before is None:
             break
@@ -114,7 +114,12 @@ async def test_pages_go_from_the_newest_to_the_oldest(store: SqliteStore) -> Non
 
 
 async def test_unknown_sessions_are_not_found(store: SqliteStore) -> None:
-    for call in (store.record("x"), store.session("x"), store.events("x", 0), store.update(a_record("x"), [])):
+    for call in (
+        store.load_record("x"),
+        store.load_session("x"),
+        store.load_events("x", 0),
+        store.update(a_record("x"), []),
+    ):
         with pytest.raises(NotFound):
             await call
 
@@ -130,7 +135,7 @@ async def test_migrations_apply_one_by_one_to_the_same_tables(tmp_path: Path) ->
         pass
     (tmp_path / "old").mkdir()
     with sqlite3.connect(tmp_path / "old" / FILE_NAME) as old:
-        old.executescript(f"{migrations()[0]}; PRAGMA user_version = 1")
+        old.executescript(f"{load_migrations()[0]}; PRAGMA user_version = 1")
     old.close()
     async with open_store(tmp_path / "old") as store:
         await store.create(a_record(), [], None)
@@ -138,7 +143,7 @@ async def test_migrations_apply_one_by_one_to_the_same_tables(tmp_path: Path) ->
     for name in ("new", "old"):
         db = sqlite3.connect(tmp_path / name / FILE_NAME)
         schemas.append(db.execute("SELECT type, name, sql FROM sqlite_master ORDER BY name").fetchall())
-        assert db.execute("PRAGMA user_version").fetchone() == (len(migrations()),)
+        assert db.execute("PRAGMA user_version").fetchone() == (len(load_migrations()),)
         assert db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
         db.close()
     assert schemas[0] == schemas[1]
@@ -171,4 +176,4 @@ async def test_a_full_disk_is_unavailable_and_passes(store: SqliteStore, tmp_pat
         await store.create(a_record("two"), [], None)
     await store._writer.execute_fetchall("PRAGMA max_page_count = 1073741823")
     await store.create(a_record("two"), [], None)
-    assert same(await store.record("one"), record)
+    assert same(await store.load_record("one"), record)

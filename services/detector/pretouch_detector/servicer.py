@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import grpc.aio
 
 from pretouch.errors import InvalidInput
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch.session import Proposer
 from pretouch.v1 import detector_pb2 as pb
 from pretouch.v1 import detector_pb2_grpc
@@ -21,12 +21,12 @@ DEFAULT_COUNT = 20
 class DetectorServicer(detector_pb2_grpc.DetectorServiceServicer):
     """Serves `Propose` and `ListProposers`."""
 
-    kit: Kit
+    context: ServiceContext
 
     async def Propose(
         self, request: pb.ProposeRequest, context: grpc.aio.ServicerContext[pb.ProposeRequest, pb.ProposeResponse]
     ) -> pb.ProposeResponse:
-        return await self.kit.cpu(_propose, request)
+        return await self.context.run_in_thread(_propose, request)
 
     async def ListProposers(
         self,

@@ -1,4 +1,4 @@
-"""The orchestrator as a service: opens what it needs, serves gRPC and REST, and closes in reverse."""
+"""The orchestrator as a service: opens its resources, serves gRPC and REST, and closes in reverse order."""
 
 from __future__ import annotations
 
@@ -11,56 +11,56 @@ import grpc.aio
 
 from pretouch.channel import open_channel
 from pretouch.errors import PretouchError, Unavailable
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch.v1.orchestrator_pb2_grpc import add_OrchestratorServiceServicer_to_server
-from pretouch_orchestrator.grpc import SERVICE, OrchestratorServicer
-from pretouch_orchestrator.loop import Loop
-from pretouch_orchestrator.rest import rest_app
-from pretouch_orchestrator.rest_server import rest_serving
-from pretouch_orchestrator.services import GrpcDetector, GrpcGateway, GrpcRegistrar, Scenes
-from pretouch_orchestrator.sessions import Sessions
+from pretouch_orchestrator.rest.app import create_rest_app
+from pretouch_orchestrator.rest.server import serve_rest
+from pretouch_orchestrator.servicer import SERVICE, OrchestratorServicer
+from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.manager import SessionManager
 from pretouch_orchestrator.settings import OrchestratorSettings
-from pretouch_orchestrator.sqlite import SqliteStore, open_store
-from pretouch_orchestrator.upstream import Upstream
+from pretouch_orchestrator.store.sqlite import SqliteStore, open_store
+from pretouch_orchestrator.upstream.clients import DetectorClient, GatewayClient, RegistrarClient, SceneMessages
+from pretouch_orchestrator.upstream.connection import UpstreamConnection
 
 
 @asynccontextmanager
-async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
+async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
     """Serves gRPC on `server` and REST beside it, with the settings of the environment.
 
     Raises:
         InvalidInput: a setting is missing or wrong.
-        Unavailable: the state directory or the REST port cannot be had.
+        Unavailable: the state directory or the REST port is not usable.
     """
     settings = OrchestratorSettings.from_environment(os.environ)
     async with AsyncExitStack() as stack:
         store = await stack.enter_async_context(open_store(settings.state))
 
-        async def upstream(name: str, address: str) -> Upstream:
-            cert, key = (kit.settings.tls_cert, kit.settings.tls_key) if settings.tls_ca else (None, None)
-            channel = open_channel(address, kit.settings.token, settings.tls_ca, cert, key)
-            return Upstream(name, address, await stack.enter_async_context(channel))
+        async def connect(name: str, address: str) -> UpstreamConnection:
+            cert, key = (context.settings.tls_cert, context.settings.tls_key) if settings.tls_ca else (None, None)
+            channel = open_channel(address, context.settings.token, settings.tls_ca, cert, key)
+            return UpstreamConnection(name, address, await stack.enter_async_context(channel))
 
-        detector = await upstream("detector", settings.detector)
-        registrar = await upstream("registrar", settings.registrar)
+        detector = await connect("detector", settings.detector)
+        registrar = await connect("registrar", settings.registrar)
         upstreams = [detector, registrar]
         gateway = None
         if settings.gateway is not None:
-            upstreams.append(await upstream("sensor gateway", settings.gateway))
-            gateway = GrpcGateway(upstreams[-1])
-        scenes = Scenes()
-        loop = Loop(GrpcDetector(detector, scenes), GrpcRegistrar(registrar, scenes))
-        sessions = Sessions(store, loop, gateway, kit)
+            upstreams.append(await connect("sensor gateway", settings.gateway))
+            gateway = GatewayClient(upstreams[-1])
+        scenes = SceneMessages()
+        loop = Loop(DetectorClient(detector, scenes), RegistrarClient(registrar, scenes), gateway=gateway)
+        sessions = SessionManager(store, loop, context)
         stack.push_async_callback(sessions.close)
-        add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, kit), server)
-        app = rest_app(sessions, kit, _check_of(store, upstreams))
-        await stack.enter_async_context(rest_serving(app, settings, kit))
-        ending = asyncio.create_task(_end_streams_when_draining(sessions, kit))
+        add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
+        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams))
+        await stack.enter_async_context(serve_rest(app, settings, context))
+        ending = asyncio.create_task(_end_streams_when_draining(sessions, context))
         stack.callback(ending.cancel)
         yield (SERVICE,)
 
 
-def _check_of(store: SqliteStore, upstreams: Sequence[Upstream]) -> Callable[[], Awaitable[None]]:
+def _make_readiness_check(store: SqliteStore, upstreams: Sequence[UpstreamConnection]) -> Callable[[], Awaitable[None]]:
     async def check() -> None:
         results = await asyncio.gather(
             store.check(), *(upstream.check() for upstream in upstreams), return_exceptions=True
@@ -71,12 +71,12 @@ def _check_of(store: SqliteStore, upstreams: Sequence[Upstream]) -> Callable[[],
                 raise failure
         if failures:
             raise Unavailable(
-                " ".join(str(failure) for failure in failures), "Start or mend what is named, then look again."
+                " ".join(str(failure) for failure in failures), "Start or repair what is named, then check again."
             )
 
     return check
 
 
-async def _end_streams_when_draining(sessions: Sessions, kit: Kit) -> None:
-    await kit.draining.wait()
+async def _end_streams_when_draining(sessions: SessionManager, context: ServiceContext) -> None:
+    await context.draining.wait()
     sessions.end_streams()

@@ -1,4 +1,4 @@
-"""The orchestrator's own options, from the environment."""
+"""The orchestrator's settings, from environment variables."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class OrchestratorSettings:
     """Where REST is served, where sessions are kept, and where the other services are.
 
     Attributes:
-        rest_port: 0 lets the system choose; the log names it.
-        state: the directory of the session store, made if need be.
+        rest_port: 0 chooses a free port, which the log names.
+        state: the directory of the session store, created if it does not exist.
         detector, registrar: host:port.
-        gateway: host:port; None: robots send their samples themselves.
-        tls_ca: authority of the other services' certificates; given, they are called over TLS.
+        gateway: host:port; None: robots send their own samples.
+        tls_ca: certificate authority of the other services; if given, they are called over TLS.
     """
 
     detector: str
@@ -36,27 +36,27 @@ class OrchestratorSettings:
         """Reads PRETOUCH_ORCHESTRATOR_{DETECTOR, REGISTRAR, STATE, GATEWAY, REST_HOST, REST_PORT, TLS_CA}.
 
         Raises:
-            InvalidInput: DETECTOR, REGISTRAR or STATE is missing, or the port is none.
+            InvalidInput: DETECTOR, REGISTRAR or STATE is missing, or REST_PORT is not a port.
         """
 
-        def needed(name: str) -> str:
+        def get_required(name: str) -> str:
             if not environment.get(_PREFIX + name):
                 raise InvalidInput(f"{_PREFIX}{name} is not set.", f"Set it; {_MEANING[name]}.")
             return environment[_PREFIX + name]
 
-        def given(name: str) -> str | None:
+        def get_optional(name: str) -> str | None:
             return environment.get(_PREFIX + name) or None
 
-        port = given("REST_PORT") or "8080"
+        port = get_optional("REST_PORT") or "8080"
         if not (port.isascii() and port.isdigit() and int(port) < 65536):
             raise InvalidInput(f"{_PREFIX}REST_PORT is {port!r}.", "Give a port from 1 to 65535, or 0 for a free one.")
-        ca = given("TLS_CA")
+        ca = get_optional("TLS_CA")
         return OrchestratorSettings(
-            detector=needed("DETECTOR"),
-            registrar=needed("REGISTRAR"),
-            state=Path(needed("STATE")),
-            gateway=given("GATEWAY"),
-            rest_host=given("REST_HOST") or "127.0.0.1",
+            detector=get_required("DETECTOR"),
+            registrar=get_required("REGISTRAR"),
+            state=Path(get_required("STATE")),
+            gateway=get_optional("GATEWAY"),
+            rest_host=get_optional("REST_HOST") or "127.0.0.1",
             rest_port=int(port),
             tls_ca=None if ca is None else Path(ca),
         )
@@ -65,5 +65,5 @@ class OrchestratorSettings:
 _MEANING = {
     "DETECTOR": "the detector's address as host:port",
     "REGISTRAR": "the registrar's address as host:port",
-    "STATE": "a directory that the orchestrator may write its sessions to",
+    "STATE": "a directory in which the orchestrator stores its sessions",
 }

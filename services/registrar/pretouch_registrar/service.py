@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 import grpc
 
 from pretouch.errors import InvalidInput
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch.v1 import registrar_pb2, registrar_pb2_grpc
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
@@ -20,12 +20,14 @@ ENGINE_VARIABLE = "PRETOUCH_REGISTRAR_ENGINE"
 
 
 @asynccontextmanager
-async def running(server: grpc.aio.Server, kit: Kit) -> AsyncIterator[tuple[str, ...]]:
+async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
     """Serves `pretouch.v1.RegistrarService`; PRETOUCH_REGISTRAR_ENGINE names the engine of requests that name none."""
     name = os.environ.get(ENGINE_VARIABLE) or Engine.POSTERIOR.value
     if name not in set(Engine):
         raise InvalidInput(f"{ENGINE_VARIABLE} is {name!r}.", f"Choose one of {', '.join(Engine)}.")
     registrar = Registrar()
-    await kit.cpu(warm_up, registrar)
-    registrar_pb2_grpc.add_RegistrarServiceServicer_to_server(RegistrarServicer(kit, registrar, Engine(name)), server)
+    await context.run_in_thread(warm_up, registrar)
+    registrar_pb2_grpc.add_RegistrarServiceServicer_to_server(
+        RegistrarServicer(context, registrar, Engine(name)), server
+    )
     yield (registrar_pb2.DESCRIPTOR.services_by_name["RegistrarService"].full_name,)

@@ -10,7 +10,7 @@ from google.protobuf.message import DecodeError
 
 from pretouch.errors import InvalidInput, Malformed, TooLarge
 from pretouch.scene import Scene
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch.tof import Scan
 from pretouch.trajectory import Trajectory
 from pretouch.v1 import common_pb2, registrar_pb2_grpc
@@ -47,12 +47,12 @@ def settings_from_proto(message: pb.RegistrationSettings, default: Engine) -> Se
 class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     """Serves `Register`, `RegisterStream` and `PredictScans`; `default` is the engine for requests that name none."""
 
-    kit: Kit
+    context: ServiceContext
     registrar: Registrar
     default: Engine
 
     async def Register(self, request: pb.RegisterRequest, context: grpc.aio.ServicerContext) -> pb.RegisterResponse:
-        return await self.kit.cpu(self._register, request)
+        return await self.context.run_in_thread(self._register, request)
 
     def _register(self, request: pb.RegisterRequest) -> pb.RegisterResponse:
         scans = [scan_from_proto(scan) for scan in request.scans]
@@ -63,7 +63,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     async def PredictScans(
         self, request: pb.PredictScansRequest, context: grpc.aio.ServicerContext
     ) -> pb.PredictScansResponse:
-        return await self.kit.cpu(self._predict, request)
+        return await self.context.run_in_thread(self._predict, request)
 
     def _predict(self, request: pb.PredictScansRequest) -> pb.PredictScansResponse:
         scans = [scan_from_proto(scan) for scan in request.scans]
@@ -85,7 +85,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
         settings = settings_from_proto(first.header.settings, self.default)
         header = first.header
         read = _mesh_of if header.WhichOneof("target") == "mesh_bytes" else _scene_of
-        scene = await self.kit.cpu(read, await _collect(steps, header.mesh_bytes or header.scene_bytes))
+        scene = await self.context.run_in_thread(read, await _collect(steps, header.mesh_bytes or header.scene_bytes))
         scans: list[Scan] = []
         async for step in steps:
             if step.WhichOneof("step") != "scan":
@@ -93,7 +93,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
             if len(scans) == MAX_STREAM_SCANS:
                 raise TooLarge(f"More than {MAX_STREAM_SCANS} scans came on one stream.", "Open a new stream.")
             scans.append(scan_from_proto(step.scan))
-            estimate = await self.kit.cpu(self.registrar.register, scene, tuple(scans), settings)
+            estimate = await self.context.run_in_thread(self.registrar.register, scene, tuple(scans), settings)
             yield pb.RegisterStreamResponse(estimate=estimate_to_proto(estimate))
 
 

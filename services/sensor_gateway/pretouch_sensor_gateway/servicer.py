@@ -8,7 +8,7 @@ from contextlib import aclosing
 from typing import Any
 
 from pretouch.errors import InvalidInput, NotFound, Unavailable
-from pretouch.serving import Kit
+from pretouch.serving import ServiceContext
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceServicer
 from pretouch.wire.common import pose_from_proto, samples_to_proto
@@ -24,9 +24,9 @@ from pretouch_sensor_gateway.wire import points_to_proto
 class SensorGatewayServicer(SensorGatewayServiceServicer):
     """Answers for `devices`."""
 
-    def __init__(self, devices: Sequence[Device], kit: Kit) -> None:
+    def __init__(self, devices: Sequence[Device], context: ServiceContext) -> None:
         self._devices = {device.name: device for device in devices}
-        self._kit = kit
+        self._context = context
 
     async def ListDevices(self, request: pb.ListDevicesRequest, context: Any) -> pb.ListDevicesResponse:
         return pb.ListDevicesResponse(devices=[device_to_proto(device) for device in self._devices.values()])
@@ -51,7 +51,7 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
             while True:
                 await subscription.changed.wait()
                 subscription.changed.clear()
-                if self._kit.draining.is_set():
+                if self._context.draining.is_set():
                     raise _stopping()
                 deliveries, overrun = subscription.take()
                 for delivery in deliveries:
@@ -69,10 +69,10 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
         with device.subscribed() as subscription:
             await context.send_initial_metadata(())
             stream = PointStream(device, subscription, first, requests)
-            async with aclosing(stream.batches(self._kit.draining)) as batches:
+            async with aclosing(stream.batches(self._context.draining)) as batches:
                 async for fused, lost, overrun in batches:
                     yield points_to_proto(fused, lost, overrun)
-            if self._kit.draining.is_set():
+            if self._context.draining.is_set():
                 raise _stopping()
 
     async def GetSamples(self, request: pb.GetSamplesRequest, context: Any) -> pb.GetSamplesResponse:
@@ -82,7 +82,7 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
                 f"The span from {start:g} to {end:g} is none.", "Send seconds since the Unix epoch, from before to."
             )
         span = self._device(request.device).history.between(start, end)
-        return pb.GetSamplesResponse(samples=samples_to_proto(await self._kit.cpu(fuse_span, *span)))
+        return pb.GetSamplesResponse(samples=samples_to_proto(await self._context.run_in_thread(fuse_span, *span)))
 
     def _device(self, name: str) -> Device:
         """The device of that name; the only one if the name is empty."""

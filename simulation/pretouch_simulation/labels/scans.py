@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from pretouch_orchestrator.path import plan_paths
+from pretouch_orchestrator.planning.path import plan_paths
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.engines.solution import pose_of
 from pretouch_registrar.registration import Registrar, Settings

@@ -1,0 +1,237 @@
+"""The REST contract: routes over the session manager."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import aclosing
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import FastAPI, Header, Query, Request
+from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
+from numpy.typing import NDArray
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+
+from pretouch.camera import decode_depth, decode_png
+from pretouch.errors import Conflict, InvalidInput, Malformed
+from pretouch.serving import ServiceContext
+from pretouch.session import SessionRequest, Submission
+from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
+from pretouch_orchestrator.rest import models, openapi
+from pretouch_orchestrator.rest.admission import AdmissionMiddleware
+from pretouch_orchestrator.rest.bodies import json_from_bytes, read_json, read_parts
+from pretouch_orchestrator.rest.body_limit import BodyLimit
+from pretouch_orchestrator.rest.docs_page import render_docs_page
+from pretouch_orchestrator.rest.problems import answer_errors_as_problems
+from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, MAX_KEY, MAX_PAGE, SessionManager
+
+HEARTBEAT = 15.0
+"""s without an event after which a comment is sent on an event stream."""
+_DESCRIPTION = (
+    "Corrects an object's pose with a range sensor in the fingertip. Metres, radians, seconds; `a_T_b` maps a point "
+    "in b to a; quaternions are x, y, z, w. Every error is an RFC 9457 problem document that says what to do."
+)
+
+
+def create_rest_app(sessions: SessionManager, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> FastAPI:
+    """The application; `check` raises `Unavailable` while the store or an upstream service is not available."""
+    app = FastAPI(title="pretouch", description=_DESCRIPTION, docs_url=None, redoc_url=None, redirect_slashes=False)
+    app.add_middleware(AdmissionMiddleware, context=context)
+    app.add_middleware(BodyLimit)
+    answer_errors_as_problems(app, context)
+    _add_session_routes(app, sessions, context)
+    _add_event_route(app, sessions)
+    _add_service_routes(app, context, check)
+    openapi.install_document(app, token=context.settings.token is not None)
+    return app
+
+
+def _add_session_routes(app: FastAPI, sessions: SessionManager, context: ServiceContext) -> None:
+    @app.post(
+        "/v1/sessions",
+        status_code=201,
+        summary="Open a session",
+        responses=openapi.responses(
+            201, openapi.json_response(models.Session, "The new session."), 400, 401, 409, 413, 415, 422, 429, 503, 504
+        ),
+        openapi_extra=openapi.creation_body(),
+    )
+    async def create_session(
+        request: Request, idempotency_key: Annotated[str, Header(alias="Idempotency-Key", max_length=MAX_KEY)] = ""
+    ) -> Response:
+        """Takes a depth image; returns regions, the first estimate and the path of the first scan.
+
+        Repeating a request with the same `Idempotency-Key` returns the session that the first call created.
+        """
+        wanted, values, mask = await context.run_in_thread(_decode_creation, await read_parts(request))
+        session = await sessions.create(wanted, values, mask, idempotency_key or None)
+        return JSONResponse(session_to_json(session), 201, {"Location": f"/v1/sessions/{session.id}"})
+
+    @app.get(
+        "/v1/sessions",
+        summary="List sessions",
+        responses=openapi.responses(
+            200, openapi.json_response(models.SessionList, "The newest first."), 401, 422, 429, 503
+        ),
+    )
+    async def list_sessions(
+        limit: Annotated[int, Query(ge=1, le=MAX_PAGE)] = DEFAULT_PAGE,
+        cursor: Annotated[str, Query(pattern=r"^\d{0,18}$", description="`next` of the page before.")] = "",
+    ) -> Response:
+        """Lists all sessions of this orchestrator in pages."""
+        page, following = await sessions.list_page(limit, cursor)
+        page_json = await context.run_in_thread(lambda: [session_to_json(session) for session in page])
+        return JSONResponse({"sessions": page_json, "next": following or None})
+
+    @app.get(
+        "/v1/sessions/{session_id}",
+        summary="Look at a session",
+        responses=openapi.responses(200, openapi.json_response(models.Session, "The session."), 401, 404, 503),
+    )
+    async def get_session(session_id: str) -> Response:
+        """Returns the session's present state."""
+        return JSONResponse(session_to_json(await sessions.get(session_id)))
+
+    @app.delete(
+        "/v1/sessions/{session_id}",
+        status_code=204,
+        summary="Cancel a session",
+        responses=openapi.responses(204, {"description": "It has ended."}, 401, 404, 503),
+    )
+    async def cancel_session(session_id: str) -> Response:
+        """Cancels the session; one that has already ended keeps its state."""
+        await sessions.cancel(session_id)
+        return Response(status_code=204)
+
+    @app.get(
+        "/v1/sessions/{session_id}/next-scan",
+        summary="Get the next scan's path",
+        responses=openapi.responses(200, openapi.json_response(models.ScanPlan, "The path."), 401, 404, 409, 503),
+    )
+    async def next_scan(session_id: str) -> Response:
+        """Returns the path that the fingertip should follow next."""
+        session = await sessions.get(session_id)
+        if session.next_scan is None:
+            raise Conflict(
+                f"The session is {session.state.value}: there is no next scan.", "Read its estimate, or open a new one."
+            )
+        return JSONResponse(scan_plan_to_json(session.next_scan))
+
+    @app.post(
+        "/v1/sessions/{session_id}/scans/{scan_id}",
+        summary="Submit a scan",
+        responses=openapi.responses(
+            200,
+            openapi.json_response(models.Session, "The session after the scan."),
+            400,
+            401,
+            404,
+            409,
+            413,
+            415,
+            422,
+            429,
+            503,
+            504,
+        ),
+        openapi_extra=openapi.submission_body(),
+    )
+    async def submit_scan(request: Request, session_id: str, scan_id: str) -> Response:
+        """Takes what the finger measured along the planned path. Repeating a scan returns the present session."""
+        session = await sessions.find_answered(session_id, scan_id)
+        if session is None:
+            submission = await context.run_in_thread(_decode_submission, await read_json(request))
+            session = await sessions.submit(session_id, scan_id, submission)
+        return JSONResponse(session_to_json(session))
+
+
+def _decode_creation(
+    parts: dict[str, bytes],
+) -> tuple[SessionRequest, NDArray[np.generic], NDArray[np.generic] | None]:
+    request = request_from_json(json_from_bytes(parts["request"], "The part 'request'"))
+    values = decode_depth(parts["depth"])
+    if "mask" not in parts:
+        return request, values, None
+    mask = decode_png(parts["mask"], "mask")
+    if mask.ndim != 2:
+        raise InvalidInput("The mask has several channels.", "Send a greyscale PNG without transparency.")
+    return request, values, mask
+
+
+def _decode_submission(body: bytes) -> Submission:
+    return submission_from_json(json_from_bytes(body, "The body"))
+
+
+def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
+    event_stream = openapi.text_response("text/event-stream", "Server-sent events.")
+
+    @app.get(
+        "/v1/sessions/{session_id}/events",
+        response_class=StreamingResponse,
+        summary="Follow a session",
+        responses=openapi.responses(200, event_stream, 400, 401, 404, 503),
+    )
+    async def follow_session(
+        session_id: str,
+        last_event_id: Annotated[str, Header(alias="Last-Event-ID", description="Only events after this one.")] = "",
+    ) -> Response:
+        """Streams the events `session`, `scan`, `estimate` and `end`, from the session's start to its end."""
+        if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
+            raise Malformed(f"Last-Event-ID is {last_event_id!r:.80}.", "Send the id of an event of this session.")
+        await sessions.get(session_id)
+        return StreamingResponse(
+            _stream_events(sessions, session_id, int(last_event_id or 0)),
+            media_type="text/event-stream",
+            headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
+        )
+
+
+async def _stream_events(sessions: SessionManager, session_id: str, after: int) -> AsyncIterator[str]:
+    async with aclosing(sessions.follow(session_id, after, HEARTBEAT)) as events:
+        async for event in events:
+            if event is None:
+                yield ": still here\n\n"
+            else:
+                yield f"id: {event.id}\nevent: {event.type}\ndata: {json.dumps(event.data)}\n\n"
+
+
+def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> None:
+    @app.get(
+        "/healthz",
+        summary="Is it alive?",
+        responses=openapi.responses(200, openapi.json_response(models.Health, "It answers.")),
+    )
+    async def alive() -> dict[str, Any]:
+        """The service answers."""
+        return {"status": "ok"}
+
+    @app.get(
+        "/readyz",
+        summary="Is it ready?",
+        responses=openapi.responses(200, openapi.json_response(models.Health, "It can serve sessions."), 503),
+    )
+    async def ready() -> dict[str, Any]:
+        """The store is writable, and the upstream services are ready."""
+        await check()
+        return {"status": "ready"}
+
+    @app.get(
+        "/metrics",
+        response_class=PlainTextResponse,
+        summary="Metrics",
+        responses=openapi.responses(200, openapi.text_response("text/plain", "Prometheus text.")),
+    )
+    async def metrics() -> Response:
+        """Returns the metrics in the text format of Prometheus."""
+        return Response(generate_latest(context.metrics.registry), media_type=CONTENT_TYPE_LATEST)
+
+    @app.get(
+        "/docs",
+        response_class=HTMLResponse,
+        summary="This API's description",
+        responses=openapi.responses(200, openapi.text_response("text/html", "A page.")),
+    )
+    async def docs() -> Response:
+        """Shows the OpenAPI document as a self-contained page."""
+        return HTMLResponse(render_docs_page(app.openapi()))

@@ -1,0 +1,103 @@
+"""Describes the REST routes in OpenAPI: request bodies, responses and problems."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+from pydantic import BaseModel, TypeAdapter
+from pydantic.json_schema import models_json_schema
+
+from pretouch import __version__
+from pretouch.errors import WIRE
+from pretouch_orchestrator.rest import models
+from pretouch_orchestrator.rest.admission import OPEN_PATHS
+from pretouch_orchestrator.rest.bodies import PARTS
+from pretouch_orchestrator.rest.problems import PROBLEM_TYPE
+
+_REFERENCE = "#/components/schemas/{model}"
+_REQUEST_MODELS = (models.SessionRequest,)
+_RESPONSE_MODELS = (models.Session, models.SessionList, models.ScanPlan, models.Problem, models.Health)
+_TITLES = {wire.http_status: wire.title for wire in WIRE.values()}
+
+
+def json_response(model: type[BaseModel], description: str) -> dict[str, Any]:
+    """A JSON response."""
+    return {"description": description, "content": {"application/json": {"schema": _reference(model)}}}
+
+
+def text_response(media_type: str, description: str) -> dict[str, Any]:
+    """A response that is not JSON."""
+    return {"description": description, "content": {media_type: {"schema": {"type": "string"}}}}
+
+
+def responses(status: int, success: dict[str, Any], *problems: int) -> dict[int | str, dict[str, Any]]:
+    """A route's successful response, and the statuses of its problem documents."""
+    content = {PROBLEM_TYPE: {"schema": _reference(models.Problem)}}
+    described: dict[int | str, dict[str, Any]] = {status: success}
+    return described | {code: {"description": _TITLES[code], "content": content} for code in problems}
+
+
+def creation_body() -> dict[str, Any]:
+    """The multipart body of a session's creation."""
+    properties = {
+        "request": _reference(models.SessionRequest),
+        "depth": {
+            "type": "string",
+            "format": "binary",
+            "description": "16-bit greyscale PNG, or .npy of uint16 or float32; h x w, at most 4 megapixels.",
+        },
+        "mask": {
+            "type": "string",
+            "format": "binary",
+            "description": "Greyscale PNG of the depth image's size, non-zero on the object.",
+        },
+    }
+    form = {"type": "object", "required": ["request", "depth"], "properties": properties, "additionalProperties": False}
+    encoding = {name: {"contentType": ", ".join(PARTS[name][: 1 if name == "request" else None])} for name in PARTS}
+    content = {"multipart/form-data": {"schema": form, "encoding": encoding}}
+    return {"requestBody": {"required": True, "content": content}}
+
+
+def submission_body() -> dict[str, Any]:
+    """The JSON body of a scan."""
+    schema = {"$ref": _REFERENCE.format(model="Submission")}
+    return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
+
+
+def install_document(app: FastAPI, *, token: bool) -> None:
+    """Gives `app` its OpenAPI document."""
+
+    def get_document() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _build_document(app, token)
+        return app.openapi_schema
+
+    app.openapi = get_document  # type: ignore[method-assign]
+
+
+def _build_document(app: FastAPI, token: bool) -> dict[str, Any]:
+    document = get_openapi(title=app.title, version=__version__, description=app.description, routes=app.routes)
+    for methods in document["paths"].values():
+        for operation in methods.values():
+            # FastAPI adds a 422 to every route with parameters; the routes that can return one declare it themselves.
+            if "application/json" in operation["responses"].get("422", {}).get("content", {}):
+                del operation["responses"]["422"]
+    inputs = [(model, "validation") for model in _REQUEST_MODELS]
+    outputs = [(model, "serialization") for model in _RESPONSE_MODELS]
+    _, definitions = models_json_schema([*inputs, *outputs], ref_template=_REFERENCE)  # type: ignore[list-item]
+    submission = TypeAdapter(models.Submission).json_schema(ref_template=_REFERENCE)
+    schemas = definitions["$defs"] | submission.pop("$defs") | {"Submission": submission}
+    components: dict[str, Any] = {"schemas": dict(sorted(schemas.items()))}
+    if token:
+        components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        document["security"] = [{"token": []}]
+        for path in OPEN_PATHS:
+            document["paths"][path]["get"]["security"] = []
+    document["components"] = components
+    return document
+
+
+def _reference(model: type[BaseModel]) -> dict[str, str]:
+    return {"$ref": _REFERENCE.format(model=model.__name__)}

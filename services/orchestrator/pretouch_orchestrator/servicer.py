@@ -1,0 +1,108 @@
+"""The gRPC contract: a servicer over the session manager."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import aclosing
+from typing import Any
+
+from pretouch.errors import InvalidInput
+from pretouch.serving import ServiceContext
+from pretouch.session import Session
+from pretouch.v1 import orchestrator_pb2 as pb
+from pretouch.v1 import orchestrator_pb2_grpc
+from pretouch.wire.session import request_from_proto, session_to_proto, submission_from_proto
+from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
+
+SERVICE = pb.DESCRIPTOR.services_by_name["OrchestratorService"].full_name
+
+
+class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
+    """See orchestrator.proto. Errors are raised here and converted to gRPC statuses by `pretouch.serving`."""
+
+    def __init__(self, sessions: SessionManager, context: ServiceContext) -> None:
+        self._sessions = sessions
+        self._context = context
+
+    async def CreateSession(self, request: pb.CreateSessionRequest, context: Any) -> pb.CreateSessionResponse:
+        return pb.CreateSessionResponse(session=session_to_proto(await self._create(request)))
+
+    async def GetSession(self, request: pb.GetSessionRequest, context: Any) -> pb.GetSessionResponse:
+        return pb.GetSessionResponse(session=session_to_proto(await self._sessions.get(request.session_id)))
+
+    async def ListSessions(self, request: pb.ListSessionsRequest, context: Any) -> pb.ListSessionsResponse:
+        sessions, following = await self._sessions.list_page(request.limit or DEFAULT_PAGE, request.cursor)
+        return pb.ListSessionsResponse(sessions=map(session_to_proto, sessions), next=following)
+
+    async def SubmitScan(self, request: pb.SubmitScanRequest, context: Any) -> pb.SubmitScanResponse:
+        return pb.SubmitScanResponse(session=session_to_proto(await self._submit(request.session_id, request)))
+
+    async def CancelSession(self, request: pb.CancelSessionRequest, context: Any) -> pb.CancelSessionResponse:
+        return pb.CancelSessionResponse(session=session_to_proto(await self._sessions.cancel(request.session_id)))
+
+    async def StreamEvents(
+        self, request: pb.StreamEventsRequest, context: Any
+    ) -> AsyncIterator[pb.StreamEventsResponse]:
+        async with aclosing(self._sessions.follow(request.session_id, request.after)) as events:
+            async for event in events:
+                if event is not None:
+                    yield pb.StreamEventsResponse(id=event.id, type=event.type, data=json.dumps(event.data))
+
+    async def RunSession(
+        self, requests: AsyncIterator[pb.RunSessionRequest], context: Any
+    ) -> AsyncIterator[pb.RunSessionResponse]:
+        session: Session | None = None
+        async for request in _take_until(self._context.draining, requests):
+            session = await self._step(request, session)
+            yield pb.RunSessionResponse(session=session_to_proto(session))
+            if session.state.ended:
+                return
+
+    async def _step(self, request: pb.RunSessionRequest, session: Session | None) -> Session:
+        match request.WhichOneof("step"):
+            case "create" if session is None:
+                return await self._create(request.create)
+            case "session_id" if session is None:
+                return await self._sessions.get(request.session_id)
+            case "scan" if session is not None:
+                if request.scan.session_id not in ("", session.id):
+                    raise InvalidInput(
+                        f"The scan is for session {request.scan.session_id!r:.80}; this stream runs {session.id!r}.",
+                        "Leave session_id empty, or open another stream.",
+                    )
+                return await self._submit(session.id, request.scan)
+            case step:
+                raise InvalidInput(
+                    f"The stream's step is {step or 'empty'}, which is not allowed here.",
+                    "Send `create` or `session_id` first, then scans.",
+                )
+
+    async def _create(self, request: pb.CreateSessionRequest) -> Session:
+        wanted, values, mask = await self._context.run_in_thread(request_from_proto, request)
+        return await self._sessions.create(wanted, values, mask, request.idempotency_key or None)
+
+    async def _submit(self, session_id: str, request: pb.SubmitScanRequest) -> Session:
+        session = await self._sessions.find_answered(session_id, request.scan_id)
+        if session is None:
+            submission = await self._context.run_in_thread(submission_from_proto, request)
+            session = await self._sessions.submit(session_id, request.scan_id, submission)
+        return session
+
+
+async def _take_until(stop: asyncio.Event, requests: AsyncIterator[pb.RunSessionRequest]) -> AsyncIterator[Any]:
+    """Yields the requests until `stop` is set."""
+    stopped = asyncio.create_task(stop.wait())
+    try:
+        while True:
+            following = asyncio.ensure_future(anext(requests, None))
+            await asyncio.wait((stopped, following), return_when=asyncio.FIRST_COMPLETED)
+            if not following.done():
+                following.cancel()
+                return
+            if (request := following.result()) is None:
+                return
+            yield request
+    finally:
+        stopped.cancel()

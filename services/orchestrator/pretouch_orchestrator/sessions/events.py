@@ -1,0 +1,76 @@
+"""The events of sessions, and how they reach the clients that follow one."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncGenerator
+from contextlib import suppress
+from dataclasses import asdict
+from weakref import WeakValueDictionary
+
+from pretouch.session import Session
+from pretouch.wire.json import estimate_to_json, session_to_json
+from pretouch_orchestrator.store.protocol import Event, NewEvent, Store
+
+
+def derive_events(before: Session | None, after: Session) -> list[NewEvent]:
+    """The events of one step, derived from the session before and after it; `before` is None at its creation."""
+    whole = NewEvent("session", session_to_json(after))
+    estimate = NewEvent("estimate", estimate_to_json(after.estimate, after.base_T_object))
+    if before is None:
+        events = [whole, estimate]
+    else:
+        events = [NewEvent("scan", asdict(scan)) for scan in after.scans[len(before.scans) :]]
+        events += [estimate] * (after.estimate is not before.estimate)
+        events.append(whole)
+    if after.state.ended:
+        reason = {} if after.reason is None else {"reason": after.reason}
+        events.append(NewEvent("end", {"state": after.state.value} | reason))
+    return events
+
+
+class Broker:
+    """Wakes the followers of a session. They read its events from the store, so that none is lost or repeated."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._changes: WeakValueDictionary[str, asyncio.Event] = WeakValueDictionary()
+        self._closed = False
+
+    def publish(self, session_id: str) -> None:
+        """Call it once new events of the session are in the store."""
+        change = self._changes.pop(session_id, None)
+        if change is not None:
+            change.set()
+
+    def close(self) -> None:
+        """Ends all streams because the service stops."""
+        self._closed = True
+        for session_id in list(self._changes):
+            self.publish(session_id)
+
+    async def follow(self, session_id: str, after: int, heartbeat: float | None) -> AsyncGenerator[Event | None]:
+        """The session's events after the id `after`, past ones first, until its `end`; None after each `heartbeat`
+        seconds of silence.
+
+        Raises:
+            NotFound: no such session.
+        """
+        ended = (await self._store.load_session(session_id)).state.ended
+        replayed = await self._store.load_events(session_id, 0)
+        # A client's id beyond the last event would wait for events that never come.
+        last = min(after, replayed[-1].id if replayed else 0)
+        while True:
+            change = self._changes.setdefault(session_id, asyncio.Event())
+            for event in await self._store.load_events(session_id, last):
+                yield event
+                last = event.id
+                ended = ended or event.type == "end"
+            if ended or self._closed:
+                return
+            while not change.is_set():
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(heartbeat):
+                        await change.wait()
+                if not change.is_set():
+                    yield None

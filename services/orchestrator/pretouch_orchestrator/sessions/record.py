@@ -1,0 +1,80 @@
+"""The record of one session: what the store keeps and the state machine updates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pretouch.estimate import Estimate
+from pretouch.geometry import Array, Pose
+from pretouch.scene import Scene
+from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, Session, SessionRequest, State
+from pretouch.tof import Scan
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One session.
+
+    Attributes:
+        created: s since the Unix epoch.
+        scene: the part of the client's view around the object, which the other services are sent.
+        origin: first pixel (u0, v0) of `scene` in the client's image; `regions` are in the client's pixels.
+        measured: the beams of each scan in `scans`, in the same order, without those of faulty modules.
+        skipped: ids of regions that could not be reached.
+        answered: ids of the scans that the client has submitted or skipped.
+        reason: a problem document, set when the session is exhausted or failed.
+    """
+
+    id: str
+    created: float
+    request: SessionRequest
+    scene: Scene
+    origin: tuple[int, int]
+    proposer: Proposer
+    regions: tuple[Region, ...]
+    estimate: Estimate
+    state: State = State.AWAITING_SCAN
+    next_scan: ScanPlan | None = None
+    scans: tuple[ScanSummary, ...] = ()
+    measured: tuple[Scan, ...] = ()
+    skipped: tuple[str, ...] = ()
+    answered: tuple[str, ...] = ()
+    budget_used: BudgetUsed = field(default_factory=BudgetUsed)
+    reason: dict[str, Any] | None = None
+
+    @property
+    def evidence(self) -> tuple[Scan, ...]:
+        """The scans to register: those with samples, or none as long as not a single sample has returned.
+
+        The misses of a sensor that has never returned a range would otherwise lower the finger onto a surface that it
+        cannot see.
+        """
+        if not any(scan.returned.any() for scan in self.measured):
+            return ()
+        return tuple(scan for scan in self.measured if len(scan))
+
+    def corrected_cloud(self) -> Array:
+        """(n, 3), m, in base: the object's points, corrected by the present estimate."""
+        return np.asarray(self.estimate.base_T_correction.apply(self.scene.cloud), dtype=np.float64)
+
+    def to_session(self) -> Session:
+        """The session as its client sees it."""
+        base_T_object: Pose | None = None
+        if self.request.base_T_object is not None:
+            base_T_object = self.estimate.base_T_correction @ self.request.base_T_object
+        return Session(
+            id=self.id,
+            state=self.state,
+            proposer=self.proposer,
+            planner=self.request.planner,
+            regions=self.regions,
+            estimate=self.estimate,
+            next_scan=self.next_scan,
+            scans=self.scans,
+            budget_used=self.budget_used,
+            base_T_object=base_T_object,
+            reason=self.reason,
+        )

@@ -1,0 +1,54 @@
+"""Interfaces of the upstream services that sessions use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from pretouch.estimate import Estimate, Prior
+from pretouch.rectangle import RotatedRectangle
+from pretouch.scene import Scene
+from pretouch.session import GatewaySpan, Proposer
+from pretouch.tof import RangeSamples, Scan, Sensor
+from pretouch.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class ProposedRegion:
+    """A rectangle in the scene's pixels and the proposer's score in [0, 1]."""
+
+    rectangle: RotatedRectangle
+    confidence: float
+
+
+class Detector(Protocol):
+    """Proposes regions worth scanning."""
+
+    async def propose(
+        self, scene: Scene, proposer: Proposer | None, sensor: Sensor, seed: int
+    ) -> tuple[Proposer, list[ProposedRegion]]:
+        """The proposer used, and its regions, the best first; with `proposer` None the detector chooses one."""
+        ...
+
+
+class Registrar(Protocol):
+    """Estimates the object's pose, and predicts what a scan would improve."""
+
+    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+        """The estimate from all scans."""
+        ...
+
+    async def predict(
+        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
+    ) -> list[float]:
+        """m: the expected error after a scan along each candidate."""
+        ...
+
+
+class Gateway(Protocol):
+    """Serves what the finger measured."""
+
+    async def get_samples(self, span: GatewaySpan) -> RangeSamples:
+        """The fused samples of a span of time."""
+        ...
