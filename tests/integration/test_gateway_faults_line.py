@@ -15,8 +15,8 @@ from faulty_board import PAUSE, Board, whole
 from faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.transport import link
-from virtual_finger import flipped
 
+from benchmarks.virtual_finger import flipped
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
 ONE_BOOT = {0: 1}

@@ -5,11 +5,12 @@ from __future__ import annotations
 import random
 
 import pytest
-from clock_devices import START, WRAP, Oscillator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.clock.ticks import MAX_JUMP, TickCounter, signed_difference
 from pretouch_sensor_gateway.clock.wall_clock import WallClock
+
+from benchmarks.clock_devices import START, WRAP, Oscillator
 
 MILLIS_WRAP = 2**32 * 1000
 

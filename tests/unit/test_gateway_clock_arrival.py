@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from clock_devices import START, WRAP, Delay, Oscillator, hiccups, latency_timer, usb
 from numpy.typing import NDArray
 from pretouch_sensor_gateway.clock.arrival_clock import ArrivalClock
 from pretouch_sensor_gateway.clock.ticks import TickCounter
+
+from benchmarks.clock_devices import START, WRAP, Delay, Oscillator, hiccups, latency_timer, usb
 
 PERIOD = 1 / 30
 ON_THE_WIRE = 0.002

@@ -7,10 +7,11 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from clock_devices import CASES, START, Case, FormerClock, Oscillator, Run, log_normal, pinged, usb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.clock.ping_clock import HostTime, PingClock
+
+from benchmarks.clock_devices import CASES, START, Case, FormerClock, Oscillator, Run, log_normal, pinged, usb
 
 SECONDS = 900.0
 CRYSTALS = [name for name in CASES if name.startswith("crystal")]

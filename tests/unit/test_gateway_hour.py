@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from gateway_hour import Hour
+
+from benchmarks.faulty_hour import Hour
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,8 @@ from pretouch_sensor_gateway.intake import MAX_HELD, Intake
 from pretouch_sensor_gateway.wire_formats.binary import BinaryFormat, encode
 from pretouch_sensor_gateway.wire_formats.received import Measurement, Refusal
 from pretouch_sensor_gateway.wire_formats.recognition import format_named
-from virtual_finger import VirtualFinger
+
+from benchmarks.virtual_finger import VirtualFinger
 
 UNIX = 1.7e9
 """Unix time at host time 0."""

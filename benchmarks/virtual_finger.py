@@ -1,4 +1,4 @@
-"""A fingertip that exists in the test's own time: what it sends and when, without any port."""
+"""A simulated fingertip without any port: what it sends, and when, in simulated time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement,
 
 
 class VirtualFinger:
-    """A board that measures at a steady rate by a clock of its own. Times are host seconds of the test's making.
+    """A board that measures at a steady rate by a clock of its own. Times are simulated host seconds.
 
     Args:
         boot: its boot number.

@@ -1,12 +1,13 @@
-"""Prints how good the gateway's clock is on simulated devices, as a table: `python tests/clock_figures.py`."""
+"""Prints how good the gateway's clock is on simulated devices, as a table: `python -m benchmarks.gateway_clock`."""
 
 from __future__ import annotations
 
 import time
 
 import numpy as np
-from clock_devices import CASES, START, Case, FormerClock, pinged
 from pretouch_sensor_gateway.clock.ping_clock import PingClock
+
+from benchmarks.clock_devices import CASES, START, Case, FormerClock, pinged
 
 SECONDS = 3600.0
 SILENCE = (1500.0, 2100.0)

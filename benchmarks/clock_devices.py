@@ -1,4 +1,4 @@
-"""Simulated devices with clocks that drift, on lines that delay: what the gateway's clocks are tried on."""
+"""Simulated devices with clocks that drift, on lines that delay: test cases for the gateway's clocks."""
 
 from __future__ import annotations
 
