@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from pretouch_sensor_gateway.clock.ping_clock import HostTime, PingClock
-from pretouch_sensor_gateway.clock.ticks import TickCounter
+from pretouch_sensor_gateway.clock.tick_unwrapper import TickUnwrapper
 
 START = 1000.0
 WRAP = 2**32
@@ -115,7 +115,7 @@ class FormerClock:
     def round_trip(self) -> float:
         return self._best[2]
 
-    def answered(self, sent: float, received: float, device: float) -> None:
+    def add_ping(self, sent: float, received: float, device: float) -> None:
         self._pings = [*self._pings[-31:], (device, (sent + received) / 2, received - sent)]
         self._best = min(self._pings, key=lambda ping: ping[2] / 2 + 1e-4 * (received - ping[1]))
 
@@ -138,7 +138,7 @@ def pinged(
         silence: ages between which no ping is answered, though frames come.
     """
     rng = np.random.default_rng(seed)
-    counter = TickCounter(WRAP)
+    counter = TickUnwrapper(WRAP)
     run = Run()
     host, pings = START, 0
     while host < START + seconds:
@@ -149,7 +149,7 @@ def pinged(
             assert counter.follows(micros, received)
             device = counter.unwrap(micros, received)
             before = clock.host_time(device) if pings else None
-            clock.answered(host, received, device)
+            clock.add_ping(host, received, device)
             after = clock.host_time(device)
             assert after is not None
             if before is not None:

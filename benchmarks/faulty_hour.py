@@ -10,10 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from pretouch_sensor_gateway.batch import Batch
-from pretouch_sensor_gateway.intake import Intake
-from pretouch_sensor_gateway.subscription import Delivery, Subscription
-from pretouch_sensor_gateway.wire_formats.binary import BinaryFormat
+from pretouch_sensor_gateway.measurement_pipeline import MeasurementPipeline
+from pretouch_sensor_gateway.range_batch import RangeBatch
+from pretouch_sensor_gateway.subscription_queue import SubscriptionQueue
+from pretouch_sensor_gateway.wire_formats.binary import BinaryParser
 
 from benchmarks.virtual_finger import VirtualFinger, flipped
 
@@ -27,7 +27,7 @@ STEP = 0.01
 class Listener:
     """A subscriber that reads when it wants to, and what it got."""
 
-    subscription: Subscription = field(default_factory=Subscription)
+    subscription: SubscriptionQueue = field(default_factory=SubscriptionQueue)
     reads_again: float = 0.0
     got: int = 0
     lost: int = 0
@@ -36,10 +36,10 @@ class Listener:
     def read(self, now: float) -> None:
         if now < self.reads_again:
             return
-        deliveries, overrun = self.subscription.take()
+        batches, overrun = self.subscription.take()
         self.overrun += overrun
-        self.got += sum(len(delivery.batch) for delivery in deliveries)
-        self.lost += sum(delivery.batch.lost for delivery in deliveries)
+        self.got += sum(len(batch) for batch in batches)
+        self.lost += sum(batch.lost for batch in batches)
 
 
 class Hour:
@@ -55,7 +55,7 @@ class Hour:
         self.rng = np.random.default_rng(seed)
         self.now = 0.0
         self.unix = 1.7e9
-        self.intake = Intake(BinaryFormat(), 0.0, None)
+        self.pipeline = MeasurementPipeline(BinaryParser(), 0.0, None)
         self.board = VirtualFinger(boot=1, first_tick=2**32 - 600_000_000)  # wraps after ten minutes
         self.boots = 1
         self.sent = self.delivered = 0
@@ -68,7 +68,7 @@ class Hour:
         self._cut_next = 0
         self._plugged = True
         self._starts = {1: 0.0}
-        self.intake.opened(0.0)
+        self.pipeline.port_opened(0.0)
 
     def run(self, seconds: float) -> None:
         """Passes the time; the last second is without faults, so that every gap is followed by a frame."""
@@ -145,12 +145,12 @@ class Hour:
             self.board.skip_to(self.now)
         if self.now >= self._unplugged_until and not self._plugged:
             self._plugged = True
-            self.intake.opened(self.now)
+            self.pipeline.port_opened(self.now)
         elif self.now < self._unplugged_until and self._plugged:
             self._plugged = False
-            self.intake.closed()
-        if self._plugged and self.intake.next_send <= self.now:
-            replies = self.board.answers(self.intake.outgoing(self.now), self.now)
+            self.pipeline.port_closed()
+        if self._plugged and self.pipeline.next_send <= self.now:
+            replies = self.board.answers(self.pipeline.take_outgoing(self.now), self.now)
             self.now += float(self.rng.lognormal(np.log(0.001), 0.5))
             if self.now >= max(self._mute_until, self._silent_until, self.board.start):
                 self._hear(replies)
@@ -172,20 +172,20 @@ class Hour:
             return
         if self.now < self._flips_until:
             data = flipped(data, 0.01, self.rng)
-        for batch in self.intake.received(data, self.now, self.unix + self.now):
+        for batch in self.pipeline.feed(data, self.now, self.unix + self.now):
             self._delivered(batch)
 
-    def _delivered(self, batch: Batch) -> None:
+    def _delivered(self, batch: RangeBatch) -> None:
         self.delivered += len(batch)
         true = self.unix + self.board.time_of(batch.sequence.astype(np.float64))
         error = np.abs(batch.t - true).max()
         self.worst_time_error = max(self.worst_time_error, float(error))
         for listener in (self.quick, self.slow):
-            listener.subscription.offer(Delivery(batch))
+            listener.subscription.put(batch)
 
     def _replug(self) -> None:
-        self.intake.closed()
-        self.intake.opened(self.now)
+        self.pipeline.port_closed()
+        self.pipeline.port_opened(self.now)
 
     def _new_board(self, boot: int, start: float, serial: str = "00000000000000aa") -> VirtualFinger:
         tick, drift = int(self.rng.integers(2**32)), float(self.rng.uniform(-50e-6, 50e-6))
@@ -194,4 +194,4 @@ class Hour:
     @property
     def reported(self) -> int:
         """Measurements that the gateway said to have lost."""
-        return self.intake.lost + self.intake.untimed
+        return self.pipeline.lost + self.pipeline.untimed

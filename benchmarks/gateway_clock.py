@@ -48,10 +48,10 @@ def costs() -> tuple[float, float]:
     clock, rng = PingClock(), np.random.default_rng(0)
     pings = [(START + k, START + k + 1e-3 + rng.exponential(1e-3), k + 5e-4) for k in range(1100)]
     for ping in pings[:100]:
-        clock.answered(*ping)
+        clock.add_ping(*ping)
     began = time.process_time()
     for ping in pings[100:]:
-        clock.answered(*ping)
+        clock.add_ping(*ping)
     learned = time.process_time()
     for k in range(100_000):
         clock.host_time(1100 + k * 1e-5)

@@ -24,9 +24,11 @@ def report(hour: Hour, console: Console) -> None:
         "stopping subscriber: got": hour.slow.got,
         "stopping subscriber: told lost": hour.slow.lost,
         "stopping subscriber: told overrun": hour.slow.overrun,
-        "epochs": hour.intake.epoch,
-        "host clock jumps seen": hour.intake.clock.host_jumps,
-        **{f"refused: {reason.name.lower()}": count for reason, count in sorted(hour.intake.refused.items(), key=str)},
+        "epochs": hour.pipeline.epoch,
+        "host clock jumps seen": hour.pipeline.clock.host_jumps,
+        **{
+            f"refused: {reason.name.lower()}": count for reason, count in sorted(hour.pipeline.refused.items(), key=str)
+        },
         **{f"fault: {name}": count for name, count in sorted(hour.faults.items())},
     }
     for name, count in rows.items():

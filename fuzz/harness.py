@@ -9,12 +9,12 @@ from collections.abc import Iterable
 
 from cobs import cobs
 from fastcrc import crc16
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, FORMATS, ROUND, create_parser
 from pretouch_sensor_gateway.wire_formats.binary import MAX_FRAME
-from pretouch_sensor_gateway.wire_formats.known import KNOWN
-from pretouch_sensor_gateway.wire_formats.lines import BLANK, MAX_LINE
+from pretouch_sensor_gateway.wire_formats.line_splitter import BLANK, MAX_LINE
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, MAX_FIRMWARE, MAX_MODULES
-from pretouch_sensor_gateway.wire_formats.received import OK, Identity, Measurement, Received, Refusal, WireFormat
-from pretouch_sensor_gateway.wire_formats.recognition import AUTO, FORMATS, ROUND, format_named
+from pretouch_sensor_gateway.wire_formats.parser import OK, DeviceMessage, Identity, Measurement, Parser, Refusal
+from pretouch_sensor_gateway.wire_formats.registry import PARSERS
 
 from fuzz.streams import STREAMS
 
@@ -48,9 +48,9 @@ def check(name: str, data: bytes, step: int) -> None:
     Raises:
         AssertionError: an invariant does not hold.
     """
-    whole, pieces = format_named(name), format_named(name)
+    whole, pieces = create_parser(name), create_parser(name)
     received = whole.feed(data)
-    in_pieces: list[Received] = []
+    in_pieces: list[DeviceMessage] = []
     step = max(step, len(data) // _MAX_PIECES)
     for start in range(0, len(data), step):
         in_pieces += pieces.feed(data[start : start + step])
@@ -66,7 +66,7 @@ def check(name: str, data: bytes, step: int) -> None:
     _check_recovery(whole, data)
 
 
-def _check_values(message: Received, wire_format: WireFormat) -> None:
+def _check_values(message: DeviceMessage, wire_format: Parser) -> None:
     """A message holds only values that its type promises."""
     if isinstance(message, Identity):
         assert message.firmware == "" or message.firmware.isprintable()
@@ -86,13 +86,13 @@ def _check_values(message: Received, wire_format: WireFormat) -> None:
 
 def _check_recognition(data: bytes) -> None:
     """Once recognised, all of the round comes out as the format alone would give it; before, all is counted."""
-    recognition = format_named(AUTO)
+    recognition = create_parser(AUTO)
     given_up: Counter[Refusal] = Counter()
     for start in range(0, len(data), ROUND):
         block = data[start : start + ROUND]
         received = recognition.feed(block)
         if recognition.name:
-            alone = KNOWN[recognition.name]()
+            alone = PARSERS[recognition.name]()
             received += recognition.feed(data[start + ROUND :])
             assert _told(received) == _told(alone.feed(data[start:])), "it lost something"
             assert recognition.refused == given_up + alone.refused, "it loses count"
@@ -103,7 +103,7 @@ def _check_recognition(data: bytes) -> None:
         assert recognition.refused == given_up, "it loses count"
 
 
-def _check_recovery(wire_format: WireFormat, data: bytes) -> None:
+def _check_recovery(wire_format: Parser, data: bytes) -> None:
     """A good stream is read after anything, and after a cut as if nothing had come before."""
     told = STREAMS.get(wire_format.name)
     if told:
@@ -127,11 +127,11 @@ def _pieces(pieces: Iterable[bytes]) -> int:
     return sum(bool(piece.strip(BLANK)) for piece in pieces)
 
 
-def _told(received: Iterable[Received]) -> list[str]:
+def _told(received: Iterable[DeviceMessage]) -> list[str]:
     return [repr(message) for message in received]  # NaN does not equal itself
 
 
-_ALONE = {stream: _told(KNOWN[name]().feed(stream)) for name, streams in STREAMS.items() for stream in streams}
+_ALONE = {stream: _told(PARSERS[name]().feed(stream)) for name, streams in STREAMS.items() for stream in streams}
 """What each good stream says when nothing comes before it."""
 
 

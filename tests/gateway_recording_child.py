@@ -30,7 +30,7 @@ def loop(folder: Path) -> None:
         recorder = started(writer)
         given = 0
         while True:
-            recorder.batch(made_batch(given))
+            recorder.record_batch(made_batch(given))
             given += 1
             while (status := recorder.status()).pending > 200:
                 time.sleep(0.001)
@@ -44,7 +44,7 @@ async def serve(folder: Path) -> None:
     with RecordingWriter(folder, structlog.get_logger()) as writer:
         recorder = started(writer)
         while not end.is_set():
-            recorder.batch(made_batch(given))
+            recorder.record_batch(made_batch(given))
             given += 1
             if recorder.status().frames and not said:
                 said = True
@@ -63,7 +63,7 @@ def starve(folder: Path) -> None:
             if now == 60:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
             for _ in range(20):
-                recorder.batch(made_batch(given))
+                recorder.record_batch(made_batch(given))
                 given += 1
             while recorder.status().pending:
                 time.sleep(0.001)
@@ -73,7 +73,7 @@ def starve(folder: Path) -> None:
 
 def started(writer: RecordingWriter) -> Recorder:
     recorder = writer.recorder("left")
-    recorder.configuration(made_configuration(), T0)
+    recorder.record_configuration(made_configuration(), T0)
     recorder.start()
     return recorder
 

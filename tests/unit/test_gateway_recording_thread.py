@@ -57,11 +57,11 @@ def test_64_devices_are_recorded_by_one_thread(tmp_path: Path) -> None:
         recorders = [writer.recorder(f"finger-{n}") for n in range(64)]
         assert threading.active_count() == before + 1
         for recorder in recorders:
-            recorder.configuration(made_configuration(), T0)
+            recorder.record_configuration(made_configuration(), T0)
             recorder.start()
         for k in range(20):
             for n, recorder in enumerate(recorders):
-                recorder.batch(made_batch(1000 * n + 2 * k, 2))
+                recorder.record_batch(made_batch(1000 * n + 2 * k, 2))
                 assert counted(recorder) == 2 * k + 2
     assert threading.active_count() == before
     for n, recorder in enumerate(recorders):
@@ -78,7 +78,7 @@ def test_leaving_the_block_finishes_every_file(tmp_path: Path) -> None:
         recorder = writer.recorder("left")
         recorder.start()
         for k in range(500):
-            recorder.batch(made_batch(k))
+            recorder.record_batch(made_batch(k))
     reader = RecordingReader(files_in(tmp_path)[0])
     assert len(list(reader)) == 1003  # 500 x 2, configuration, transforms, log
     assert reader.complete
@@ -87,18 +87,18 @@ def test_leaving_the_block_finishes_every_file(tmp_path: Path) -> None:
 def test_only_what_comes_while_it_is_on_is_recorded(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path, LOG) as writer:
         recorder = writer.recorder("left")
-        recorder.batch(made_batch(0))
-        recorder.event("nobody listens", T0)
+        recorder.record_batch(made_batch(0))
+        recorder.record_event("nobody listens", T0)
         assert recorder.status().on is False
         recorder.start()
         recorder.start()
-        recorder.batch(made_batch(1))
+        recorder.record_batch(made_batch(1))
         assert recorder.status().on is True
         recorder.stop()
-        recorder.batch(made_batch(2))
+        recorder.record_batch(made_batch(2))
         recorder.stop()
         recorder.start()
-        recorder.batch(made_batch(3))
+        recorder.record_batch(made_batch(3))
     assert [sequence_in(path) for path in files_in(tmp_path)] == [[1], [3]]
     assert all(b"nobody" not in path.read_bytes() for path in files_in(tmp_path))
     assert recorder.status().frames == 2
@@ -111,12 +111,12 @@ def test_a_disk_that_hangs_costs_frames_but_no_time(tmp_path: Path, gate: Gate) 
         left.start()
         right.start()
         gate.shut()
-        left.batch(made_batch(0))
+        left.record_batch(made_batch(0))
         assert gate.reached.wait(60)
         for k in range(QUEUE_BATCHES + 100):
-            left.batch(made_batch(1 + 2 * k, 2))
+            left.record_batch(made_batch(1 + 2 * k, 2))
             assert counted(left) == 1 + 2 * (k + 1)
-        right.batch(made_batch(0))
+        right.record_batch(made_batch(0))
         assert (left.status().frames, left.status().unrecorded) == (0, 200)
         assert "too slow" in left.status().problem
         assert right.status().problem == ""
@@ -138,7 +138,7 @@ def test_a_disk_that_hangs_for_good_does_not_keep_the_gateway_from_ending(
             recorder = writer.recorder("left")
             recorder.start()
             gate.shut()
-            recorder.batch(made_batch(0, 3))
+            recorder.record_batch(made_batch(0, 3))
             assert gate.reached.wait(60)
         assert [(entry["event"], entry["frames"]) for entry in logs] == [
             ("the disk hangs: the last frames are not recorded", 3)
@@ -155,12 +155,12 @@ def test_a_full_disk_is_retried_by_the_writers_clock(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path, LOG, clock=lambda: now) as writer:
         recorder = writer.recorder("left")
         recorder.start()
-        recorder.batch(made_batch(0))
+        recorder.record_batch(made_batch(0))
         settled(recorder)
         assert "It is tried again" in recorder.status().problem
         (tmp_path / "left").unlink()
         now = 10.0
-        recorder.batch(made_batch(1))
+        recorder.record_batch(made_batch(1))
         settled(recorder)
         assert recorder.status().problem == ""
         assert recorder.status().path == str(files_in(tmp_path)[0])

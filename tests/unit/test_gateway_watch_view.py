@@ -9,7 +9,7 @@ from datetime import datetime
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.watch.lines import lines
+from pretouch_sensor_gateway.watch.log_lines import lines
 from pretouch_sensor_gateway.watch.state import Watch
 from pretouch_sensor_gateway.watch.view import View
 from rich.console import Console
@@ -148,7 +148,7 @@ def test_events_come_with_their_times_and_the_last_ones_stay() -> None:
     times = [datetime.fromtimestamp(WALL + at - 100.0).strftime("%H:%M:%S") for at in (99.0, 97.0)]
     assert len(said) == 8
     assert said[-1] == f" {times[0]} 7 frames lost in 2 gaps, since {times[1]}"
-    assert said[-2].endswith("started anew: epoch 15")
+    assert said[-2].endswith("restarted: epoch 15")
 
 
 def test_devices_are_told_apart_and_the_one_that_is_looked_at_is_shown() -> None:

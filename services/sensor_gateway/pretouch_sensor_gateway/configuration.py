@@ -30,9 +30,9 @@ from pretouch.geometry import Pose
 from pretouch.wire.reader import Members, at, pose
 from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import Calibration
-from pretouch_sensor_gateway.recording.checks import check_recording
-from pretouch_sensor_gateway.transport.address import check_address
-from pretouch_sensor_gateway.wire_formats.recognition import AUTO, format_named
+from pretouch_sensor_gateway.recording.validation import check_recording
+from pretouch_sensor_gateway.transport.address import parse_address
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, create_parser
 
 VARIABLE = "PRETOUCH_GATEWAY_DEVICES"
 _NAME = re.compile(r"[\w.-]{1,64}")
@@ -68,9 +68,9 @@ class DeviceSetting:
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise InvalidInput(f"{self.name!r} is no device name.", _REMEDY)
-        format_named(self.wire_format)
+        create_parser(self.wire_format)
         if self.recording is None:
-            check_address(self.address)
+            parse_address(self.address)
         else:
             check_recording(self.recording)
         if not 50 <= self.baud <= 12_000_000:
@@ -95,7 +95,7 @@ class GatewaySetting:
     recordings: Path | None = None
 
 
-def gateway_from(environment: Mapping[str, str]) -> GatewaySetting:
+def load_configuration(environment: Mapping[str, str]) -> GatewaySetting:
     """What `PRETOUCH_GATEWAY_DEVICES` says; no device if it is empty or not set.
 
     Raises:

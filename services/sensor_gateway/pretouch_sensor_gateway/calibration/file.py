@@ -23,7 +23,7 @@ from typing import Any
 from pretouch.errors import InvalidInput, Malformed
 from pretouch.wire.reader import Members, at, integer, number
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
-from pretouch_sensor_gateway.calibration.record import ModuleFit, Point, Record, StandardErrors
+from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit, Point, StandardErrors
 
 VERSION = 1
 MAX_BYTES = 4 * 1024 * 1024
@@ -38,7 +38,7 @@ _POINT = ("distance_m", "mean_m", "std_m", "samples", "outliers_m", "residual_m"
 _REMEDY = "Mend the file, or make a new one: pretouch gateway calibrate."
 
 
-def save(path: Path, calibration: Calibration, record: Record | None = None) -> None:
+def save(path: Path, calibration: Calibration, record: CalibrationRecord | None = None) -> None:
     """Writes the file whole or not at all: a reader meets the file as it was or as it is, never half of it.
 
     Raises:
@@ -70,7 +70,7 @@ def save(path: Path, calibration: Calibration, record: Record | None = None) -> 
         raise InvalidInput(f"{path} cannot be written: {error.strerror}.", "Check the folder.") from error
 
 
-def load(path: Path) -> tuple[Calibration, Record | None]:
+def load(path: Path) -> tuple[Calibration, CalibrationRecord | None]:
     """The calibration, and how it was made if the file says so.
 
     Raises:
@@ -83,7 +83,7 @@ def load(path: Path) -> tuple[Calibration, Record | None]:
         raise type(error)(f"{path}: {error.detail}", _REMEDY) from error
 
 
-def _read(path: Path) -> tuple[Calibration, Record | None]:
+def _read(path: Path) -> tuple[Calibration, CalibrationRecord | None]:
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
@@ -111,7 +111,7 @@ def _module(value: object, path: str) -> ModuleCalibration:
         return ModuleCalibration(**numbers)
 
 
-def _record(document: Members, modules: tuple[ModuleCalibration, ...]) -> Record:
+def _record(document: Members, modules: tuple[ModuleCalibration, ...]) -> CalibrationRecord:
     members = document.members("made", ("date", "device", "modules"))
     date = members.text("date")
     try:
@@ -122,7 +122,7 @@ def _record(document: Members, modules: tuple[ModuleCalibration, ...]) -> Record
     if len(fits) != len(modules):
         raise InvalidInput(f"made.modules has {len(fits)} items, modules {len(modules)}.")
     pairs = enumerate(zip(modules, fits, strict=True))
-    return Record(
+    return CalibrationRecord(
         date, members.text("device"), tuple(_fit(module, fit, f"made.modules[{k}]") for k, (module, fit) in pairs)
     )
 

@@ -1,4 +1,4 @@
-"""A module's calibration from what it read at known distances."""
+"""Fits a module's calibration to its readings at known distances."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 from pretouch_sensor_gateway.calibration.model import ModuleCalibration
 from pretouch_sensor_gateway.calibration.noise import LEAST_STD, SIGNIFICANT, fit_noise
-from pretouch_sensor_gateway.calibration.readings import cleaned, step_of
+from pretouch_sensor_gateway.calibration.readings import find_step, reject_outliers
 from pretouch_sensor_gateway.calibration.record import ModuleFit, Point, StandardErrors
 
 PLACEMENT_STD = 0.0002
-"""m, how exactly a plate is placed by hand against gauge blocks or a calliper. It keeps a fit to a thousand readings
-from believing in micrometres, and where there are no more distances than parameters it is all that tells of errors."""
+"""m, how exactly a plate is placed by hand against gauge blocks or a calliper. It keeps the standard errors of a fit to
+thousands of readings realistic, and is their only source where there are no more distances than parameters."""
 _START = (0.0, 1.0, 0.0)
 _SCALES = (1e-3, 1e-2, 1.0)
 _MOST_GLASS = 0.9
 """Of the target's own light: the farthest distance stays within the reach, and the curve can be inverted."""
 
 
-def fit(readings: Mapping[float, Array]) -> ModuleFit:
+def fit_module(readings: Mapping[float, Array]) -> ModuleFit:
     """Fits the model of `model.py` to readings at one distance or more.
 
     One distance tells the offset, two the scale too. Three or more could tell the crosstalk, which is taken only if it
@@ -38,8 +38,8 @@ def fit(readings: Mapping[float, Array]) -> ModuleFit:
     measured = {distance: values for distance, values in sorted(readings.items()) if len(values)}
     if not measured:
         return ModuleFit(problem="It returned too little at every distance.")
-    step = step_of(measured.values())
-    points = tuple(cleaned(distance, values, step) for distance, values in measured.items())
+    step = find_step(measured.values())
+    points = tuple(reject_outliers(distance, values, step) for distance, values in measured.items())
     values, errors = _curve(points, step)
     try:
         curve = ModuleCalibration(**values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import sqrt
 
 from pretouch_sensor_gateway.clock.arrival_envelope import LATENCY, ArrivalEnvelope
-from pretouch_sensor_gateway.clock.intervals import Intervals
+from pretouch_sensor_gateway.clock.interval_statistics import IntervalStatistics
 from pretouch_sensor_gateway.clock.ping_clock import HostTime
 
 
@@ -24,8 +24,8 @@ class ArrivalClock:
     """
 
     def __init__(self) -> None:
-        self._reads = Intervals()
-        self._made = Intervals()
+        self._reads = IntervalStatistics()
+        self._made = IntervalStatistics()
         self._envelope = ArrivalEnvelope()
 
     def host_time(self, arrival: float, transmission: float, device: float | None) -> HostTime:
@@ -48,7 +48,7 @@ class ArrivalClock:
         return HostTime(begin - period / 2, sqrt(period * period / 12 + variance))
 
     def restart(self) -> None:
-        """The device started anew: its clock is another; its period is taken to be the same."""
+        """The device restarted: its clock is another; its period is taken to be the same."""
         self._reads.restart()
         self._made.restart()
         self._envelope.restart()

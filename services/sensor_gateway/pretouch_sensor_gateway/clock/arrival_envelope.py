@@ -14,7 +14,7 @@ from math import sqrt
 import numpy as np
 
 from pretouch_sensor_gateway.clock.clock_fit import MEMORY, ClockFit, fit_clock
-from pretouch_sensor_gateway.clock.thinned import Thinned
+from pretouch_sensor_gateway.clock.thinning_buffer import ThinningBuffer
 
 LATENCY = 0.016
 """Seconds that a USB serial converter may hold back what it has: the latency timer of the most common one."""
@@ -40,14 +40,14 @@ class ArrivalEnvelope:
     """The clock of one run of a device from when its lines arrive. Needs one line before it can tell a time."""
 
     def __init__(self) -> None:
-        self._lines: Thinned[_Line] = Thinned(self._lateness)
+        self._lines: ThinningBuffer[_Line] = ThinningBuffer(self._lateness)
         self._fit: ClockFit | None = None
         self._least: _Line | None = None
         self._end = 0.0
         self._early = self._late = 0
 
     def restart(self) -> None:
-        """The device started anew: what was known of its clock is void."""
+        """The device restarted: what was known of its clock is void."""
         self._lines.clear()
         self._fit = self._least = None
         self._early = self._late = 0

@@ -19,7 +19,7 @@ from math import sqrt
 import numpy as np
 
 from pretouch_sensor_gateway.clock.clock_fit import MEMORY, ClockFit, fit_clock
-from pretouch_sensor_gateway.clock.thinned import Thinned
+from pretouch_sensor_gateway.clock.thinning_buffer import ThinningBuffer
 
 CONTRADICTION = 5.0
 """Standard deviations beyond what its round trip allows at which a reply contradicts what is known of the clock."""
@@ -70,7 +70,7 @@ class PingClock:
 
     def __init__(self) -> None:
         self.contradictions = 0
-        self._pings: Thinned[_Ping] = Thinned(lambda ping: ping.round_trip)
+        self._pings: ThinningBuffer[_Ping] = ThinningBuffer(lambda ping: ping.round_trip)
         self._contradicting: deque[_Ping] = deque(maxlen=AGREEING)
         self._fit: ClockFit | None = None
         self._least = 0.0
@@ -92,14 +92,14 @@ class PingClock:
         return self._least
 
     def restart(self) -> None:
-        """The device started anew: what was known of its clock is void."""
+        """The device restarted: what was known of its clock is void."""
         self._pings.clear()
         self._contradicting.clear()
         self._fit = None
         self._least = 0.0
         self._resolution = _RESOLUTION
 
-    def answered(self, sent: float, received: float, device: float) -> None:
+    def add_ping(self, sent: float, received: float, device: float) -> None:
         """Learns from a ping: sent and received at these host times, s, answered at unwrapped device time, s."""
         ping = _Ping(sent, received, device)
         if self._contradicts(ping):

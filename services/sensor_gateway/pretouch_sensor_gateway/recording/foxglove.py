@@ -1,7 +1,7 @@
 """A device's measurements as messages that Foxglove draws.
 
-Frames are named after the device, `<device>/tip` and `<device>/module_<k>`, so that recordings of several fingers can
-be looked at together.
+Coordinate frames are named after the device, `<device>/tip` and `<device>/module_<k>`, so that recordings of several
+fingers can be viewed together.
 """
 
 from __future__ import annotations

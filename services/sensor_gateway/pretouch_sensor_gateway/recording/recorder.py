@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import structlog
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from pretouch_sensor_gateway.recording.items import Configured, Happened, Item, Measured, Stopped
-from pretouch_sensor_gateway.recording.series import FileSeries
+from pretouch_sensor_gateway.recording.queue_items import BatchItem, ConfigurationItem, EventItem, Item, StopItem
+from pretouch_sensor_gateway.recording.rotating_files import RotatingFiles
 
 QUEUE_BATCHES = 1024
 """Batches that wait for the disk: half a minute at 30 Hz. While as many wait, new ones are not recorded."""
@@ -49,7 +49,9 @@ class Recorder:
         wake: tells that thread that there is something to write.
     """
 
-    def __init__(self, files: FileSeries, wake: Callable[[], None], log: structlog.typing.FilteringBoundLogger) -> None:
+    def __init__(
+        self, files: RotatingFiles, wake: Callable[[], None], log: structlog.typing.FilteringBoundLogger
+    ) -> None:
         self._log = log
         self._files = files
         self._wake = wake
@@ -73,9 +75,9 @@ class Recorder:
         """Ends the recording; its file is finished soon after."""
         if self._on:
             self._on = False
-            self._hand_over(Stopped())
+            self._hand_over(StopItem())
 
-    def batch(self, batch: pb.RangeBatch) -> None:
+    def record_batch(self, batch: pb.RangeBatch) -> None:
         """Records `batch`, which must not change any more."""
         if not self._on:
             return
@@ -85,21 +87,21 @@ class Recorder:
                 self._unrecorded += frames
                 self._overflowed += frames
                 return
-            self._items.append(Measured(batch, frames))
+            self._items.append(BatchItem(batch, frames))
             self._batches += 1
             self._pending += frames
         self._wake()
 
-    def configuration(self, configuration: pb.DeviceConfiguration, at: float) -> None:
+    def record_configuration(self, configuration: pb.DeviceConfiguration, at: float) -> None:
         """The configuration that holds from `at`, s since the Unix epoch; tell it before the first batch, and when it
         changes, recording or not. It must not change any more.
         """
-        self._hand_over(Configured(configuration, at))
+        self._hand_over(ConfigurationItem(configuration, at))
 
-    def event(self, text: str, at: float) -> None:
+    def record_event(self, text: str, at: float) -> None:
         """Records that something happened, `at` in s since the Unix epoch."""
         if self._on:
-            self._hand_over(Happened(text, at))
+            self._hand_over(EventItem(text, at))
 
     def status(self) -> RecordingStatus:
         path = self._files.path
@@ -124,9 +126,9 @@ class Recorder:
             return
         if overflowed:
             self._log.warning("the disk is too slow to record all", frames=overflowed)
-            last = max(index for index, item in enumerate(items) if isinstance(item, Measured))
+            last = max(index for index, item in enumerate(items) if isinstance(item, BatchItem))
             text = f"{overflowed} frames were not recorded: the disk is too slow"
-            items.insert(last + 1, Happened(text, _AT_THAT_TIME))
+            items.insert(last + 1, EventItem(text, _AT_THAT_TIME))
         written = self._files.write(items, now)
         with self._lock:
             self._frames += written.recorded

@@ -12,7 +12,7 @@ import structlog
 
 from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.recorder import Recorder
-from pretouch_sensor_gateway.recording.series import FileSeries
+from pretouch_sensor_gateway.recording.rotating_files import RotatingFiles
 
 _GATHER = 0.005
 """Seconds that a batch waits to be written: who listens gets it first, and what comes meanwhile is one write."""
@@ -55,7 +55,7 @@ class RecordingWriter:
             InvalidInput: the device's name is no name of a folder.
         """
         log = self._log.bind(device=device)
-        files = FileSeries(self._root, device, self._limits, log)
+        files = RotatingFiles(self._root, device, self._limits, log)
         recorder = Recorder(files, self._something_to_write.set, log)
         self._recorders += (recorder,)
         return recorder

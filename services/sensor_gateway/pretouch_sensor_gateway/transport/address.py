@@ -48,7 +48,7 @@ class SocketAddress:
 Address = PathAddress | UsbAddress | SocketAddress
 
 
-def check_address(text: str) -> Address:
+def parse_address(text: str) -> Address:
     """The address that `text` writes.
 
     Raises:

@@ -19,7 +19,7 @@ from typing import Protocol
 
 import structlog
 
-from pretouch_sensor_gateway.transport.address import check_address
+from pretouch_sensor_gateway.transport.address import parse_address
 from pretouch_sensor_gateway.transport.port import Port, close_port, open_port
 from pretouch_sensor_gateway.transport.problem import loss
 from pretouch_sensor_gateway.transport.threads import DaemonThreads
@@ -85,7 +85,7 @@ class Link:
         self.problem = ""
         self.connections = 0
         self.unsent = 0
-        self._target = check_address(address)
+        self._target = parse_address(address)
         self._baud = baud
         self._listener = listener
         self._log = log

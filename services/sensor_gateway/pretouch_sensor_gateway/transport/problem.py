@@ -53,7 +53,7 @@ def loss(address: Address, error: OSError | None) -> str:
     end = (
         "The other end closed the connection"
         if isinstance(address, SocketAddress)
-        else "The port hung up: the device was unplugged, or started anew"
+        else "The port hung up: the device was unplugged, or restarted"
     )
     return f"{end}." if error is None else f"{end} ({error.strerror or error})."
 

@@ -12,7 +12,7 @@ QUIET = 10.0
 """Seconds after which something that happened again counts as new."""
 
 
-class Weight(Enum):
+class Severity(Enum):
     """How an event is to be taken."""
 
     GOOD = "good"
@@ -33,7 +33,7 @@ class Event:
 
     device: str
     text: str
-    weight: Weight
+    weight: Severity
     first: float
     at: float
     amount: int = 1
@@ -48,7 +48,7 @@ class EventLog:
         self._counted: dict[tuple[str, str], int] = {}
         self._next = 0
 
-    def add(self, device: str, text: str, weight: Weight, at: float) -> None:
+    def add(self, device: str, text: str, weight: Severity, at: float) -> None:
         """Notes something that happens once."""
         self._put(self._new(), Event(device, text, weight, at, at))
 
@@ -62,10 +62,10 @@ class EventLog:
         before = self._events.get(key)
         if before is None or at - before.at > QUIET:
             key = self._counted[device, what] = self._new()
-            self._put(key, Event(device, said(amount, 1), Weight.BAD, at, at, amount))
+            self._put(key, Event(device, said(amount, 1), Severity.BAD, at, at, amount))
             return
         total, times = before.amount + amount, before.times + 1
-        self._put(key, Event(device, said(total, times), Weight.BAD, before.first, at, total, times))
+        self._put(key, Event(device, said(total, times), Severity.BAD, before.first, at, total, times))
 
     def last(self, count: int) -> list[Event]:
         """The last `count` events, oldest first."""

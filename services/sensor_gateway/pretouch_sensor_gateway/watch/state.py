@@ -9,7 +9,7 @@ import numpy as np
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import array_from_proto
-from pretouch_sensor_gateway.watch.events import EventLog, Weight
+from pretouch_sensor_gateway.watch.events import EventLog, Severity
 from pretouch_sensor_gateway.watch.trace import Trace
 
 STATES = {
@@ -19,7 +19,7 @@ STATES = {
     pb.DEVICE_STATE_SILENT: "silent",
     pb.DEVICE_STATE_ENDED: "ended",
 }
-_WEIGHTS = {pb.DEVICE_STATE_STREAMING: Weight.GOOD, pb.DEVICE_STATE_SILENT: Weight.BAD}
+_WEIGHTS = {pb.DEVICE_STATE_STREAMING: Severity.GOOD, pb.DEVICE_STATE_SILENT: Severity.BAD}
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ class WatchedDevice:
     def take_status(self, status: pb.GetStatusResponse, at: float) -> None:
         """The gateway's word on the device."""
         before, self.status = self.status, status
-        self._tell_state(at)
-        self._tell_epoch(status.epoch, at)
+        self._note_state(at)
+        self._note_epoch(status.epoch, at)
         if self._known:
-            self._tell_changes(before, at)
+            self._note_changes(before, at)
         self._known = True
 
     def take_ranges(self, response: pb.StreamRangesResponse, at: float) -> None:
@@ -76,7 +76,7 @@ class WatchedDevice:
             self._count("overrun", response.overrun, at, "{} lost to this view, which read too slowly")
         if batch.lost:
             self._count("lost", batch.lost, at, "{} lost", " in {} gaps")
-        self._tell_epoch(batch.epoch, at)
+        self._note_epoch(batch.epoch, at)
         if not len(t):
             return
         if ranges.shape[1] != self.trace.modules:
@@ -97,27 +97,27 @@ class WatchedDevice:
         return newest + at - came
 
     def forget_counts(self) -> None:
-        """The gateway was away and may have started anew: what it counts does not compare with what it counted."""
+        """The gateway was away and may have restarted: what it counts does not compare with what it counted."""
         self._known = False
         self._epoch = None
 
-    def _tell_state(self, at: float) -> None:
+    def _note_state(self, at: float) -> None:
         device = self.status.device
         if device.state != self._told_state:
             self._told_state, self.state_since = device.state, at
             text = f"{STATES[device.state]}: {device.problem}" if device.problem else STATES[device.state]
-            self._events.add(self.name, text, _WEIGHTS.get(device.state, Weight.NOTE), at)
+            self._events.add(self.name, text, _WEIGHTS.get(device.state, Severity.NOTE), at)
         elif device.problem and device.problem != self._told_problem:
-            self._events.add(self.name, device.problem, Weight.BAD, at)
+            self._events.add(self.name, device.problem, Severity.BAD, at)
         self._told_problem = device.problem
 
-    def _tell_epoch(self, epoch: int, at: float) -> None:
+    def _note_epoch(self, epoch: int, at: float) -> None:
         """Of batches and status the first to know a new epoch tells it; what comes late tells an old one."""
         if self._epoch is not None and epoch > self._epoch:
-            self._events.add(self.name, f"started anew: epoch {epoch}", Weight.NOTE, at)
+            self._events.add(self.name, f"restarted: epoch {epoch}", Severity.NOTE, at)
         self._epoch = epoch if self._epoch is None else max(self._epoch, epoch)
 
-    def _tell_changes(self, before: pb.GetStatusResponse, at: float) -> None:
+    def _note_changes(self, before: pb.GetStatusResponse, at: float) -> None:
         now = self.status
         for reason, count in now.refused.items():
             if count > before.refused.get(reason, 0):
@@ -126,20 +126,20 @@ class WatchedDevice:
             self._count("untimed", now.untimed - before.untimed, at, "{} given up, their time was not known")
         if now.clock.synchronised != before.clock.synchronised:
             if now.clock.synchronised:
-                self._events.add(self.name, "its clock is known", Weight.GOOD, at)
+                self._events.add(self.name, "its clock is known", Severity.GOOD, at)
             else:
-                self._events.add(self.name, "its clock is not known", Weight.BAD, at)
+                self._events.add(self.name, "its clock is not known", Severity.BAD, at)
         if now.host_clock_jumps > before.host_clock_jumps:
-            self._events.add(self.name, "the clock of the gateway's host jumped", Weight.BAD, at)
-        self._tell_recording(before.recording, now.recording, at)
+            self._events.add(self.name, "the clock of the gateway's host jumped", Severity.BAD, at)
+        self._note_recording(before.recording, now.recording, at)
 
-    def _tell_recording(self, before: pb.RecordingStatus, now: pb.RecordingStatus, at: float) -> None:
+    def _note_recording(self, before: pb.RecordingStatus, now: pb.RecordingStatus, at: float) -> None:
         if now.on and now.path and now.path != before.path:
-            self._events.add(self.name, f"recording to {now.path}", Weight.NOTE, at)
+            self._events.add(self.name, f"recording to {now.path}", Severity.NOTE, at)
         elif before.on and not now.on:
-            self._events.add(self.name, "recording stopped", Weight.NOTE, at)
+            self._events.add(self.name, "recording stopped", Severity.NOTE, at)
         if now.problem and now.problem != before.problem:
-            self._events.add(self.name, f"recording: {now.problem}", Weight.BAD, at)
+            self._events.add(self.name, f"recording: {now.problem}", Severity.BAD, at)
 
     def _count(self, what: str, frames: int, at: float, text: str, again: str = "") -> None:
         def said(total: int, times: int) -> str:
@@ -176,7 +176,7 @@ class Watch:
     def take_devices(self, devices: Sequence[pb.Device], at: float) -> None:
         """The gateway is there and has these devices."""
         if self.heard and not self.connected:
-            self.events.add("", f"the gateway at {self.address} is back", Weight.GOOD, at)
+            self.events.add("", f"the gateway at {self.address} is back", Severity.GOOD, at)
         self.connected = self.heard = True
         self.problem = ""
         known = {device.name: device for device in self.devices}
@@ -188,7 +188,7 @@ class Watch:
     def take_failure(self, problem: str, retry_at: float, at: float) -> None:
         """The gateway cannot be heard."""
         if self.problem != problem:
-            self.events.add("", problem, Weight.BAD, at)
+            self.events.add("", problem, Severity.BAD, at)
         self.connected = False
         self.problem, self.retry_at = problem, retry_at
         self.changes += 1

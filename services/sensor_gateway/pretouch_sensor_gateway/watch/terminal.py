@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.live import Live
 
 from pretouch_sensor_gateway.watch.keys import Key, keys_in, typed, typing
-from pretouch_sensor_gateway.watch.lines import lines
+from pretouch_sensor_gateway.watch.log_lines import lines
 from pretouch_sensor_gateway.watch.state import Watch
 from pretouch_sensor_gateway.watch.view import View
 

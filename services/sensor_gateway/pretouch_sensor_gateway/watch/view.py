@@ -10,12 +10,12 @@ from datetime import datetime
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text
 
-from pretouch_sensor_gateway.watch.events import Event, Weight
-from pretouch_sensor_gateway.watch.facts import STATE_STYLES, identity_facts, running_facts
-from pretouch_sensor_gateway.watch.modules import ModuleTable
+from pretouch_sensor_gateway.watch.events import Event, Severity
+from pretouch_sensor_gateway.watch.module_table import ModuleTable
 from pretouch_sensor_gateway.watch.state import Watch, WatchedDevice
+from pretouch_sensor_gateway.watch.status_facts import STATE_STYLES, identity_facts, running_facts
 
-_WEIGHT_STYLES = {Weight.GOOD: "green", Weight.NOTE: "", Weight.BAD: "yellow"}
+_WEIGHT_STYLES = {Severity.GOOD: "green", Severity.NOTE: "", Severity.BAD: "yellow"}
 _EVENTS = 8
 _LABEL = 10
 _LEAST_WIDTH = 10

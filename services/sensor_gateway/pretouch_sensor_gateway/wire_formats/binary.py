@@ -23,7 +23,7 @@ from pretouch_sensor_gateway.wire_formats.messages import (
     pack,
     unpack,
 )
-from pretouch_sensor_gateway.wire_formats.received import Received, Refusal
+from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Refusal
 
 MAX_FRAME = 208
 """Longest encoded frame without its zero, bytes: 64 modules.
@@ -93,8 +93,8 @@ class FrameDecoder:
         return outcome
 
 
-class BinaryFormat:
-    """The binary format as the gateway hears it (a `WireFormat`)."""
+class BinaryParser:
+    """The binary format as the gateway hears it (a `Parser`)."""
 
     name = "binary"
     two_way = True
@@ -107,8 +107,8 @@ class BinaryFormat:
     def refused(self) -> Counter[Refusal]:
         return self._frames.refused
 
-    def feed(self, data: bytes) -> list[Received]:
-        received: list[Received] = []
+    def feed(self, data: bytes) -> list[DeviceMessage]:
+        received: list[DeviceMessage] = []
         for message in self._frames.feed(data):
             if isinstance(message, Ping | Identify):
                 self.refused[Refusal.KIND] += 1  # our own words: the line echoes

@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
 
 VERSION = 1
 RANGE_UNIT = 1e-4

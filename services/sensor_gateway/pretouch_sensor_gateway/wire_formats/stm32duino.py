@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import re
 
-from pretouch_sensor_gateway.wire_formats.fields import NO_ANSWER, told_reading
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
-from pretouch_sensor_gateway.wire_formats.received import Measurement
+from pretouch_sensor_gateway.wire_formats.parser import Measurement
+from pretouch_sensor_gateway.wire_formats.text_fields import NO_ANSWER, reading_with_status
 
 DAY_MODULUS = 24 * 3600 * 1_000_000
 """Microseconds of a day."""
@@ -29,7 +29,7 @@ def read_stm32duino(line: str) -> Measurement | None:
     match = _LINE.fullmatch(line)
     if match is None:
         return None
-    told = [told_reading(int(mm), int(status)) for mm, status in _MODULE.findall(match["modules"])]
+    told = [reading_with_status(int(mm), int(status)) for mm, status in _MODULE.findall(match["modules"])]
     ranges, status = zip(*told, strict=True)
     if max(status) > NO_ANSWER:
         return None

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
-from pretouch_sensor_gateway.wire_formats.lines import LineSplitter
+from pretouch_sensor_gateway.wire_formats.line_splitter import LineSplitter
 from pretouch_sensor_gateway.wire_formats.messages import MAX_MODULES
-from pretouch_sensor_gateway.wire_formats.received import Measurement, Received, Refusal
+from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Measurement, Refusal
 
 ReadLine = Callable[[str], Measurement | None]
 """What a line of printable ASCII says; None if it is not of the format."""
 
 
-class TextFormat:
-    """A line-based format (a `WireFormat`). Nothing is ever sent to such a device.
+class TextParser:
+    """A line-based format (a `Parser`). Nothing is ever sent to such a device.
 
     Lines have no checksum, so a lost byte can join or cut numbers. A line with another number of modules than those
     before is therefore refused; when a second one has that number before any has the old one, it holds from then on.
@@ -36,8 +36,8 @@ class TextFormat:
         self._modules: int | None = None
         self._rival_modules: int | None = None
 
-    def feed(self, data: bytes) -> list[Received]:
-        received: list[Received] = []
+    def feed(self, data: bytes) -> list[DeviceMessage]:
+        received: list[DeviceMessage] = []
         for line in self._lines.feed(data):
             outcome = line if isinstance(line, Refusal) else self._measurement(line)
             if isinstance(outcome, Refusal):
