@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 from cobs import cobs
 from fastcrc import crc16
-from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, FORMATS, ROUND, create_parser
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, FORMATS, MAX_UNDETECTED, create_parser
 from pretouch_sensor_gateway.wire_formats.binary import MAX_FRAME
 from pretouch_sensor_gateway.wire_formats.line_splitter import BLANK, MAX_LINE
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, MAX_FIRMWARE, MAX_MODULES
@@ -24,7 +24,7 @@ SEPARATOR = b"\xff\xfe"
 """Between the bodies of a `framed` input."""
 
 _MAX_PIECES = 200
-_MAX_HELD = {AUTO: ROUND + MAX_FRAME + MAX_LINE, "binary": MAX_FRAME}
+_MAX_HELD = {AUTO: MAX_UNDETECTED + MAX_FRAME + MAX_LINE, "binary": MAX_FRAME}
 
 
 def check_input(raw: bytes) -> None:
@@ -88,17 +88,17 @@ def _check_recognition(data: bytes) -> None:
     """Once recognised, all of the round comes out as the format alone would give it; before, all is counted."""
     recognition = create_parser(AUTO)
     given_up: Counter[Refusal] = Counter()
-    for start in range(0, len(data), ROUND):
-        block = data[start : start + ROUND]
+    for start in range(0, len(data), MAX_UNDETECTED):
+        block = data[start : start + MAX_UNDETECTED]
         received = recognition.feed(block)
         if recognition.name:
             alone = PARSERS[recognition.name]()
-            received += recognition.feed(data[start + ROUND :])
+            received += recognition.feed(data[start + MAX_UNDETECTED :])
             assert _told(received) == _told(alone.feed(data[start:])), "it lost something"
             assert recognition.refused == given_up + alone.refused, "it loses count"
             return
         assert (received, recognition.two_way, recognition.tick_modulus) == ([], False, None)
-        if len(block) == ROUND:
+        if len(block) == MAX_UNDETECTED:
             given_up[Refusal.ENCODING] += _pieces(re.split(rb"[\0\r\n]", block))
         assert recognition.refused == given_up, "it loses count"
 

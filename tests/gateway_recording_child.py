@@ -34,7 +34,7 @@ def loop(folder: Path) -> None:
             given += 1
             while (status := recorder.status()).pending > 200:
                 time.sleep(0.001)
-            print(given, status.frames, status.unrecorded, flush=True)
+            print(given, status.measurements, status.unrecorded, flush=True)
 
 
 async def serve(folder: Path) -> None:
@@ -46,7 +46,7 @@ async def serve(folder: Path) -> None:
         while not end.is_set():
             recorder.record_batch(made_batch(given))
             given += 1
-            if recorder.status().frames and not said:
+            if recorder.status().measurements and not said:
                 said = True
                 print("recording", flush=True)
             await asyncio.sleep(0.001)
@@ -72,7 +72,7 @@ def starve(folder: Path) -> None:
 
 
 def started(writer: RecordingWriter) -> Recorder:
-    recorder = writer.recorder("left")
+    recorder = writer.create_recorder("left")
     recorder.record_configuration(made_configuration(), T0)
     recorder.start()
     return recorder

@@ -8,7 +8,12 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.wire_formats.auto_detection import FORMATS, ROUND, AutoDetectingParser, create_parser
+from pretouch_sensor_gateway.wire_formats.auto_detection import (
+    FORMATS,
+    MAX_UNDETECTED,
+    AutoDetectingParser,
+    create_parser,
+)
 from pretouch_sensor_gateway.wire_formats.binary import encode
 from pretouch_sensor_gateway.wire_formats.format_detector import WINDOW
 from pretouch_sensor_gateway.wire_formats.messages import Ping
@@ -173,8 +178,8 @@ def test_text_between_lines_of_numbers_makes_them_no_format() -> None:
 def test_bytes_that_nothing_can_read_fill_no_memory_and_are_counted() -> None:
     recognition = AutoDetectingParser()
     for _ in range(5):
-        assert recognition.feed(b"Lux: 12\r\n" * (ROUND // 9) + b"#" * (ROUND % 9)) == []
-    assert recognition.refused == {Refusal.ENCODING: 5 * (ROUND // 9 + 1)}
+        assert recognition.feed(b"Lux: 12\r\n" * (MAX_UNDETECTED // 9) + b"#" * (MAX_UNDETECTED % 9)) == []
+    assert recognition.refused == {Refusal.ENCODING: 5 * (MAX_UNDETECTED // 9 + 1)}
     assert recognition.feed(b"\n" + DEVICES["adafruit"]) != []
 
 
@@ -182,8 +187,8 @@ def test_a_line_that_never_ends_fills_no_memory() -> None:
     recognition = AutoDetectingParser()
     for _ in range(100):
         assert recognition.feed(b"\x01" * 1000) == []
-        assert len(recognition._held) < ROUND
-    assert recognition.refused == {Refusal.ENCODING: 100_000 // ROUND}
+        assert len(recognition._held) < MAX_UNDETECTED
+    assert recognition.refused == {Refusal.ENCODING: 100_000 // MAX_UNDETECTED}
 
 
 @pytest.mark.parametrize(("first", "second"), list(itertools.permutations(DEVICES, 2)))

@@ -97,7 +97,7 @@ def _recording(recorder: Recorder) -> pb.RecordingStatus:
         on=status.on,
         path=status.path,
         bytes=status.bytes,
-        frames=status.frames,
+        frames=status.measurements,
         unrecorded=status.unrecorded,
         pending=status.pending,
         problem=status.problem,

@@ -53,7 +53,7 @@ async def serving(server: grpc.aio.Server, kit: Kit, setting: GatewaySetting) ->
 
 
 def _create_device(setting: DeviceSetting, writer: RecordingWriter | None, kit: Kit) -> Device:
-    recorder = None if writer is None else writer.recorder(setting.name)
+    recorder = None if writer is None else writer.create_recorder(setting.name)
     device = Device(setting.name, setting.address, setting.tip_T_module, setting.calibration, recorder)
     if recorder is not None and setting.record:
         recorder.start()

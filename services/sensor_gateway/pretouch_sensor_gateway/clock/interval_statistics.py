@@ -1,4 +1,4 @@
-"""How far apart moments usually are."""
+"""The typical interval between moments, and its spread."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from statistics import median
 REMEMBERED = 32
 """Intervals of which the median is taken."""
 ASSUMED = 0.1
-"""Seconds between two lines, until two were heard."""
+"""Seconds between two lines, until two have arrived."""
 _EVERY = 8
-"""Intervals after which the medians are taken anew, once there are enough."""
+"""Intervals after which the medians are computed again, once there are enough."""
 _NORMAL = 1.4826
 """Standard deviation of a normal distribution per median absolute deviation."""
 
 
 class IntervalStatistics:
-    """The recent intervals between moments that grow; equal ones count once, and a pause is one odd interval of many.
+    """Robust statistics of the recent intervals between increasing moments; equal moments count once.
 
     Attributes:
         typical: their median, s.
@@ -26,19 +26,19 @@ class IntervalStatistics:
     def __init__(self) -> None:
         self.typical = ASSUMED
         self.spread = 0.0
-        self._heard = 0
+        self._count = 0
         self._last: float | None = None
         self._recent: deque[float] = deque(maxlen=REMEMBERED)
 
     def observe(self, moment: float) -> None:
         if self._last is not None and moment > self._last:
             self._recent.append(moment - self._last)
-            self._heard += 1
-            if self._heard < REMEMBERED or self._heard % _EVERY == 0:
+            self._count += 1
+            if self._count < REMEMBERED or self._count % _EVERY == 0:
                 self.typical = median(self._recent)
                 self.spread = _NORMAL * median(abs(interval - self.typical) for interval in self._recent)
         self._last = moment
 
     def restart(self) -> None:
-        """The next moment is no interval away from the last; the intervals stay what they were."""
+        """Starts a new series: the next moment forms no interval with the last. Earlier intervals are kept."""
         self._last = None

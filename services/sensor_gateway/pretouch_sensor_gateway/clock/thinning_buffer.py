@@ -1,4 +1,4 @@
-"""A bounded memory that reaches far back and is dense where it is recent."""
+"""A bounded buffer that reaches far back and keeps recent items more densely than old ones."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ T = TypeVar("T")
 
 
 class ThinningBuffer(Generic[T]):
-    """The newest 12 items, before them 12 that are the better of two each, then 12 the best of four, 12 of eight.
+    """Keeps the newest 12 items, before them 12 that are each the better of two, then 12 the best of four, 12 of eight.
 
-    To keep the best of several is NTP's clock filter (Mills, 2006), which takes it of the last eight only.
+    Keeping the best of several is NTP's clock filter (Mills, 2006), which keeps the best of the last eight only.
 
     Args:
         cost: of two items the one that costs less is the better.

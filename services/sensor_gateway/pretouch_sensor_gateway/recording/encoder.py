@@ -1,4 +1,4 @@
-"""What a recorder is told, as entries of a recording."""
+"""Encodes measurements, configurations and events as entries of a recording."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from pretouch_sensor_gateway.recording.channels import Channel, Entry
 
 _DOUBLE = struct.Struct("<d")
 _LATEST = 2**64 // 10**9
-"""Seconds since the Unix epoch that MCAP's times can hold, in the year 2554."""
+"""The latest Unix time, s, that MCAP can hold, in the year 2554."""
 
 
 class Encoder:
-    """Serialises one device's measurements, configuration and events; times are in ns since the Unix epoch.
+    """Serialises one device's measurements, configuration and events; times are Unix times, ns.
 
-    A time that cannot be (not finite, before 1970, beyond MCAP's last) is replaced by the one before it.
+    An invalid time (not finite, before 1970, beyond MCAP's latest) is replaced by the one before it.
     """
 
     def __init__(self, device: str) -> None:
         self._device = device
         self._time = 0
-        self.configure(pb.DeviceConfiguration())
+        self.set_configuration(pb.DeviceConfiguration())
 
     def encode_batch(self, batch: pb.RangeBatch) -> list[Entry]:
-        """The batch itself and a picture of it, at the time of its last frame."""
+        """The batch itself and a point cloud of it, at the time of its last measurement."""
         time = self.nanoseconds(_last_time(batch))
         entries = [Entry(Channel.RANGES, time, batch.SerializeToString())]
-        cloud = self._clouds.of(batch, time)
+        cloud = self._clouds.encode(batch, time)
         if cloud is not None:
             entries.append(Entry(Channel.POINTS, time, cloud))
         return entries
 
-    def configure(self, configuration: pb.DeviceConfiguration) -> None:
-        """Batches are drawn by `configuration` from now on; without poses the one module is at the tip."""
+    def set_configuration(self, configuration: pb.DeviceConfiguration) -> None:
+        """Computes point clouds by `configuration` from now on; without poses there is one module, at the tip."""
         self._configuration = configuration
         try:
             poses = [pose_from_proto(pose, "tip_t_module") for pose in configuration.tip_t_module]
@@ -47,18 +47,18 @@ class Encoder:
         self._clouds = foxglove.PointClouds(self._device, self._tip_T_module)
 
     def encode_configuration(self, time: int) -> list[Entry]:
-        """The present configuration, and where it puts the modules."""
+        """The present configuration, and the coordinate frames of its modules."""
         return [
             Entry(Channel.CONFIGURATION, time, self._configuration.SerializeToString()),
-            Entry(Channel.TRANSFORMS, time, foxglove.transforms(self._device, self._tip_T_module, time)),
+            Entry(Channel.TRANSFORMS, time, foxglove.encode_transforms(self._device, self._tip_T_module, time)),
         ]
 
     def encode_event(self, text: str, time: int) -> Entry:
-        """Something that happened."""
-        return Entry(Channel.LOG, time, foxglove.log(self._device, text, time))
+        """An event."""
+        return Entry(Channel.LOG, time, foxglove.encode_log(self._device, text, time))
 
     def nanoseconds(self, seconds: float) -> int:
-        """A time in s since the Unix epoch, as MCAP tells it."""
+        """A Unix time, s, in ns as MCAP has it."""
         if 0 <= seconds < _LATEST:
             self._time = round(seconds * 1e9)
         return self._time

@@ -17,19 +17,19 @@ from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
 from pretouch_sensor_gateway.recording.validation import CONFIGURATION, RANGES, check_ranges
 
 LONGEST_GAP = 10.0
-"""Seconds at most between two batches: nobody waits for a night in which nothing was recorded."""
+"""Longest pause between two batches, s: longer gaps in the recording are shortened to this."""
 _READ_AHEAD = 256
 
 
 class Pace(Enum):
-    """How fast a recording is played."""
+    """The pace at which a recording is played."""
 
     AS_RECORDED = "the time between two batches is that between their last frames"
     AT_ONCE = "as fast as it can be read"
 
 
 class PlaybackState(Enum):
-    """How a replay fares."""
+    """The state of a playback."""
 
     WAITING = "not begun"
     PLAYING = "batches come"
@@ -41,16 +41,16 @@ class RecordingPlayer:
     """Delivers the batches of a recording, bit for bit as subscribers of the device got them.
 
     Args:
-        path: the file; of several devices in one file, the first is played.
+        path: the file; if it contains several devices, the first is played.
         deliver: called on the event loop with each batch.
-        pace: how fast.
+        pace: at which batches are delivered.
         clock: a steady clock, s.
         sleep: waits for that clock, s.
 
     Attributes:
-        state: how it fares.
+        state: of the playback.
         configuration: the last recorded one; set before the batches for which it holds are delivered.
-        problem: what is wrong, "" if nothing is; of a recording that was cut off it says so once all is played.
+        problem: what is wrong, "" if nothing is; a truncated recording is reported once all of it was played.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class RecordingPlayer:
         self._due = self._time = 0.0
 
     async def run(self) -> None:
-        """Plays the file once; ends with the state ENDED or FAILED."""
+        """Plays the file once, and ends in the state ENDED or FAILED."""
         self.state = PlaybackState.PLAYING
         reader = RecordingReader(self._path)
         messages = iter(reader)

@@ -1,4 +1,4 @@
-"""What a recorder hands to the thread that writes."""
+"""The items that a recorder queues for the writer thread."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class BatchItem:
 
 @dataclass(frozen=True)
 class ConfigurationItem:
-    """The device's configuration became this, `at` s since the Unix epoch."""
+    """The device's configuration from Unix time `at`, s."""
 
     configuration: pb.DeviceConfiguration
     at: float
@@ -25,7 +25,7 @@ class ConfigurationItem:
 
 @dataclass(frozen=True)
 class EventItem:
-    """Something happened, `at` s since the Unix epoch."""
+    """An event at Unix time `at`, s."""
 
     text: str
     at: float
@@ -33,7 +33,7 @@ class EventItem:
 
 @dataclass(frozen=True)
 class StopItem:
-    """The recording ends here, until the next batch comes."""
+    """The end of the recording, until the next batch."""
 
 
 Item = BatchItem | ConfigurationItem | EventItem | StopItem

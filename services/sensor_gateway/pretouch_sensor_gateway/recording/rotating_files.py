@@ -1,4 +1,4 @@
-"""The files of one device, one after another, and what becomes of measurements while the disk takes none."""
+"""Writes one device's recordings to a series of bounded files, and pauses while the disk is full or gone."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.queue_items import BatchItem, ConfigurationItem, EventItem, Item, StopItem
 
 RETRY_AFTER = 10.0
-"""Seconds for which nothing is tried after the disk refused something."""
+"""Seconds to wait after a write failed before the next try."""
 _KEPT_EVENTS = 64
 
 
 @dataclass(frozen=True)
 class Written:
-    """Measurements that are in a file, and frames that will never be."""
+    """How many measurements were written to a file, and how many were given up."""
 
     recorded: int
     unrecorded: int
 
 
 class RotatingFiles:
-    """Writes a device's items to files that never exceed the limits; blocks on the disk.
+    """Writes a device's queued items to files within the limits; blocks on the disk.
 
     One thread writes; any may read the attributes.
 
-    A file is opened by the first batch, so that there is none without any; events wait for it. When the disk refuses
-    something, the file is cut back to its last whole record and left, and the next one is tried after `RETRY_AFTER`.
+    A file is opened by the first batch, so that no file is empty; events wait for it. When a write fails, the file is
+    truncated to its last whole record and abandoned, and a new one is tried after `RETRY_AFTER`.
 
     Attributes:
         path: the file being written, if any.
@@ -52,7 +52,7 @@ class RotatingFiles:
         self._file: RecordingFile | None = None
         self._file_began = 0
         self._started = False
-        self._finished_bytes = self._bytes_found()
+        self._finished_bytes = self._count_bytes()
         self._events: deque[Entry] = deque(maxlen=_KEPT_EVENTS)
         self._retry_at = -float("inf")
         self._recorded = self._unrecorded = self._uncommitted = self._missed = 0
@@ -64,16 +64,16 @@ class RotatingFiles:
 
     @property
     def bytes(self) -> int:
-        """Of all of the device's recordings."""
+        """The size of all of the device's recordings."""
         file = self._file
         return self._finished_bytes + (file.size if file else 0)
 
     def write(self, items: Sequence[Item], now: float) -> Written:
-        """Writes `items`, all in one go unless a file ends amid them; `now` in s of any steady clock."""
+        """Writes `items`, all at once unless a file ends among them; `now` in s of any steady clock."""
         self._recorded = self._unrecorded = 0
         for item in items:
             try:
-                self._take(item, now)
+                self._write_item(item, now)
             except Exception as error:
                 self._pause(error, now)
                 if isinstance(item, BatchItem):
@@ -84,19 +84,19 @@ class RotatingFiles:
             self._pause(error, now)
         return Written(self._recorded, self._unrecorded)
 
-    def _take(self, item: Item, now: float) -> None:
+    def _write_item(self, item: Item, now: float) -> None:
         match item:
             case BatchItem() if now < self._retry_at:
                 self._give_up(item.frames)
             case BatchItem():
                 entries = self._encoder.encode_batch(item.batch)
                 self._end_full_file(entries)
-                self._file = self._file or self._opened(entries[0].time)
+                self._file = self._file or self._open_file(entries[0].time)
                 for entry in entries:
                     self._file.add(entry)
                 self._uncommitted += item.frames
             case ConfigurationItem():
-                self._encoder.configure(item.configuration)
+                self._encoder.set_configuration(item.configuration)
                 if self._file:
                     self._add(self._encoder.encode_configuration(self._encoder.nanoseconds(item.at)))
             case EventItem():
@@ -104,12 +104,12 @@ class RotatingFiles:
                 if not self._add([event]):
                     self._events.append(event)
             case StopItem():
-                self._finish()
+                self._finish_file()
                 self._started = False
                 self.problem, self._missed, self._retry_at = "", 0, -float("inf")
 
     def _add(self, entries: Sequence[Entry]) -> bool:
-        """Whether there is a file that takes them."""
+        """Adds entries to the open file; False if there is none."""
         self._end_full_file(entries)
         if self._file is None:
             return False
@@ -122,9 +122,9 @@ class RotatingFiles:
             self._file.size_with(entries) > self._limits.file_bytes
             or abs(entries[0].time - self._file_began) > self._limits.file_seconds * 1e9
         ):
-            self._finish()
+            self._finish_file()
 
-    def _opened(self, time: int) -> RecordingFile:
+    def _open_file(self, time: int) -> RecordingFile:
         path = self._folder.new_path(time)
         self._folder.prune(self._limits.total_bytes - self._limits.file_bytes)
         self._finished_bytes = self._folder.bytes()
@@ -152,7 +152,7 @@ class RotatingFiles:
             self._log.info("recording goes on", path=str(self._file.path), unrecorded=self._missed)
             self.problem, self._missed = "", 0
 
-    def _finish(self) -> None:
+    def _finish_file(self) -> None:
         if not self._file:
             return
         self._commit()
@@ -180,7 +180,7 @@ class RotatingFiles:
         self._unrecorded += frames
         self._missed += frames
 
-    def _bytes_found(self) -> int:
+    def _count_bytes(self) -> int:
         try:
             return self._folder.bytes()
         except OSError:

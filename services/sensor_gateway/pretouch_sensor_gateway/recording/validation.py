@@ -1,4 +1,4 @@
-"""Whether a file is a recording that can be played."""
+"""Checks whether a file is a recording that can be played."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CONFIGURATION = pb.DeviceConfiguration.DESCRIPTOR.full_name
 
 
 def check_recording(path: Path) -> pb.DeviceConfiguration:
-    """The configuration that held when the first batch of the recording at `path` came.
+    """Checks the recording at `path`; returns the configuration that held at its first batch.
 
     Raises:
         InvalidInput: it cannot be read, is no MCAP file, or holds no batch of ranges that this gateway knows.
@@ -45,19 +45,21 @@ def check_recording(path: Path) -> pb.DeviceConfiguration:
 
 
 def check_ranges(message: Recorded, path: Path) -> None:
-    """Checks that the message's schema says nothing that this gateway does not know.
+    """Checks that the message's schema has no fields that this gateway does not know.
 
     Raises:
-        InvalidInput: it does; so a newer gateway has recorded it.
+        InvalidInput: it has; a newer gateway has recorded it.
     """
     known = schema_of(Channel.RANGES)
     if message.described == known:
         return
     try:
-        told = _fields(FileDescriptorSet.FromString(message.described))
+        recorded = _fields(FileDescriptorSet.FromString(message.described))
     except DecodeError as error:
         raise InvalidInput(f"The recording {path} is damaged.", "Give another recording.") from error
-    unknown = _reachable(told, f".{RANGES}") - _reachable(_fields(FileDescriptorSet.FromString(known)), f".{RANGES}")
+    unknown = _reachable(recorded, f".{RANGES}") - _reachable(
+        _fields(FileDescriptorSet.FromString(known)), f".{RANGES}"
+    )
     if unknown:
         fields = ", ".join(sorted(name for name, *_ in unknown))
         raise InvalidInput(
@@ -75,7 +77,7 @@ def _fields(described: FileDescriptorSet) -> dict[str, DescriptorProto]:
 
 
 def _reachable(messages: dict[str, DescriptorProto], root: str) -> set[_Field]:
-    """The fields of the message `root`, and those of all messages that it is made of."""
+    """The fields of the message `root`, and of all messages nested in it."""
     found: set[_Field] = set()
     seen, waiting = {root}, [root]
     while waiting:

@@ -1,11 +1,11 @@
-"""What Adafruit's example sketches for several sensors print (`vl6180x_triple`, `vl53l0x_multi_extended`).
+"""Reads what Adafruit's example sketches for several sensors print (`vl6180x_triple`, `vl53l0x_multi_extended`).
 
     97 : 55 : ### : 132                          milliseconds that the cycle took, then ranges in mm; ###: none
     35(2) : 55 : TTT : #6                        a mask of the sensors that did not answer, in hexadecimal; #6: status 6
     35(0) : 120   : 8190#4                       as the VL53L0X sketch prints it in continuous mode: range and status
     Addr: 30 Lux: 12.30 Range: 55 Addr: 31 Lux: 0.00(No convergence)      the mode that vl6180x_triple starts in
 
-None of them tells a time: how long a cycle took is no clock. The other modes of the VL53L0X sketch are not read.
+None of them has a time: how long a cycle took is no clock. The other modes of the VL53L0X sketch are not read.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _STATUS_OF_WORDS = {
 
 
 def read_adafruit(line: str) -> Measurement | None:
-    """A line of ranges in any of the modes above."""
+    """Reads a line of ranges in any of the modes above."""
     if line.startswith("Addr: "):
         return _measurement([_default_mode(part) for part in (" " + line).split(" Addr: ")[1:]])
     head, *cells = re.split(" +: +", line)

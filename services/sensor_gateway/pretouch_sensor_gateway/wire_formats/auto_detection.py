@@ -1,4 +1,4 @@
-"""A format for devices whose format nobody has told: it listens until it is certain, then passes everything on."""
+"""Detects a device's wire format from what it sends, and parses it; creates parsers by name."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Parser, R
 from pretouch_sensor_gateway.wire_formats.registry import PARSERS
 
 AUTO = "auto"
-"""Recognises the format from what the device sends."""
+"""The name that asks for detection."""
 FORMATS = (AUTO, *PARSERS)
 """The names of all formats, `AUTO` first."""
-ROUND = 8192
-"""Bytes that are kept while the format is not certain. When they are full, they are given up and all begins anew."""
+MAX_UNDETECTED = 8192
+"""Bytes that are kept while the format is not certain. When there are more, they are discarded and detection
+restarts."""
 
 _END = re.compile(rb"[\0\r\n]")
 """What ends a frame or a line."""
 
 
 def create_parser(name: str) -> Parser:
-    """A fresh reader of the format `name`, one of `FORMATS`.
+    """Creates a parser of the format `name`, one of `FORMATS`.
 
     Raises:
         InvalidInput: there is no such format.
@@ -36,64 +37,64 @@ def create_parser(name: str) -> Parser:
 
 
 class AutoDetectingParser:
-    """Recognises the format of a connection from its first bytes (a `Parser`).
+    """Detects the format of a connection from its first bytes (a `Parser`).
 
     Nothing is sent to a device before its format is known: a sketch that prints text may read what it gets as commands.
-    Once the format is known, all that was received since the connection began, or since bytes were last given up, comes
-    out at once. Bytes given up are counted as refused, by the pieces between their zeros and line ends. After a cut all
-    begins anew: another device may sit on the line.
+    Once the format is known, everything received since the connection began, or since bytes were last discarded, is
+    parsed at once. Discarded bytes count as refused, once for each piece between zeros and line ends. After an outage
+    detection restarts: another device may be on the port.
 
     Attributes:
-        name: of the recognised format, "" before.
+        name: of the detected format, "" before.
     """
 
     def __init__(self) -> None:
         self.refused: Counter[Refusal] = Counter()
-        self._chosen: Parser | None = None
+        self._parser: Parser | None = None
         self._detector = FormatDetector()
         self._held = bytearray()
 
     @property
     def name(self) -> str:
-        return self._chosen.name if self._chosen else ""
+        return self._parser.name if self._parser else ""
 
     @property
     def two_way(self) -> bool:
-        return self._chosen is not None and self._chosen.two_way
+        return self._parser is not None and self._parser.two_way
 
     @property
     def tick_modulus(self) -> int | None:
-        return self._chosen.tick_modulus if self._chosen else None
+        return self._parser.tick_modulus if self._parser else None
 
     def feed(self, data: bytes) -> list[DeviceMessage]:
         start = 0
-        while self._chosen is None and start < len(data):
+        while self._parser is None and start < len(data):
             end = _END.search(data, start)
-            piece = data[start : end.end() if end else len(data)][: ROUND - len(self._held)]
+            piece = data[start : end.end() if end else len(data)][: MAX_UNDETECTED - len(self._held)]
             start += len(piece)
-            self._hear(piece)
-        if self._chosen is None:
+            self._detect(piece)
+        if self._parser is None:
             return []
-        received = self._chosen.feed(bytes(self._held) + data[start:])
+        received = self._parser.feed(bytes(self._held) + data[start:])
         self._held.clear()
-        if self._chosen.refused:
-            self.refused.update(self._chosen.refused)
-            self._chosen.refused.clear()
+        if self._parser.refused:
+            self.refused.update(self._parser.refused)
+            self._parser.refused.clear()
         return received
 
     def restart(self) -> None:
-        self._give_up()
-        self._chosen = None
+        self._discard()
+        self._parser = None
 
-    def _hear(self, piece: bytes) -> None:
+    def _detect(self, piece: bytes) -> None:
         self._held += piece
         name = self._detector.add(piece)
         if name is not None:
-            self._chosen = PARSERS[name]()
-        elif len(self._held) == ROUND:
-            self._give_up()
+            self._parser = PARSERS[name]()
+        elif len(self._held) == MAX_UNDETECTED:
+            self._discard()
 
-    def _give_up(self) -> None:
+    def _discard(self) -> None:
         pieces = _END.split(bytes(self._held))
         self.refused[Refusal.ENCODING] += sum(bool(piece.strip(BLANK)) for piece in pieces)
         self._held.clear()

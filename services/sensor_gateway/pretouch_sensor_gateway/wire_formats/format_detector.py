@@ -1,11 +1,11 @@
-"""What speaks for one format rather than another, gathered from the first bytes of a connection.
+"""Detects the wire format from the first bytes of a connection.
 
-A frame of the binary format whose checksum is right is proof enough, and so are two lines of `adafruit` or
-`stm32duino`: nothing else looks like them. Lines of bare numbers need more, for a column of them may be the device's
-time: `WINDOW` lines on end, all with the same number of columns. The first or the last column is a clock if it rises
-from every line to the next by at least `MIN_STEP`, and evenly; neither is one if each stands still or falls at least
-`MIN_FALLS` times. The range of a finger that draws back rises too, but not by that much; the clock of a device that
-starts anew falls once. Between the two nothing is decided.
+One binary frame with a correct checksum is sufficient, and so are two lines of `adafruit` or `stm32duino`: nothing else
+looks like them. Lines of bare numbers need more, because one column may be the device's time: `WINDOW` consecutive
+lines, all with the same number of columns. The first or the last column is a clock if it rises evenly from every line
+to the next, by at least `MIN_STEP`; neither is a clock if each stands still or falls at least `MIN_FALLS` times. The
+range of a finger that draws back rises too, but by less; the clock of a device that restarts falls once. In any other
+case the format stays undecided.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from pretouch_sensor_gateway.wire_formats.stm32duino import read_stm32duino
 from pretouch_sensor_gateway.wire_formats.text_fields import parse_milliseconds, split_fields
 
 WINDOW = 12
-"""Lines of numbers that are judged together."""
+"""Lines of numbers that are classified together."""
 MIN_STEP = 8_000
 """Least microseconds between two lines of a device that prints its time: no such sensor is faster than 125 Hz."""
 MAX_UNEVENNESS = 4
 """Largest step of a clock relative to its least: a line may be late, and one or two may be lost."""
 MIN_FALLS = 3
-"""Steps out of the window's that do not rise, at least, in a column that is surely no clock."""
+"""Steps within the window that do not rise, at least, in a column that is certainly no clock."""
 _LINES_OF_ITS_OWN_KIND = 2
 
 
-class _Course(Enum):
-    """How a column goes on from line to line."""
+class _Trend(Enum):
+    """How a column changes from line to line."""
 
     CLOCK = auto()
     RISING = auto()
@@ -59,7 +59,7 @@ class _Numbers:
 
 
 class FormatDetector:
-    """Hears one connection from its start."""
+    """Follows one connection from its start."""
 
     def __init__(self) -> None:
         self._binary = BinaryParser()
@@ -68,19 +68,19 @@ class FormatDetector:
         self._window: deque[_Numbers] = deque(maxlen=WINDOW)
 
     def add(self, piece: bytes) -> str | None:
-        """The format's name once it is certain. `piece` ends with the first end of a frame or line in it, if any."""
+        """The format's name, once it is certain. `piece` may contain one end of a frame or line, as its last byte."""
         if self._binary.feed(piece):
             return "binary"
-        names = [self._line(line) for line in self._lines.feed(piece)]
+        names = [self._add_line(line) for line in self._lines.feed(piece)]
         return names[-1] if names else None
 
-    def _line(self, line: str | Refusal) -> str | None:
+    def _add_line(self, line: str | Refusal) -> str | None:
         numbers = None if isinstance(line, Refusal) else _numbers(line)
         if numbers is not None:
             if self._window and self._window[-1].columns != numbers.columns:
                 self._window.clear()
             self._window.append(numbers)
-            return _judge(self._window) if len(self._window) == WINDOW else None
+            return _classify(self._window) if len(self._window) == WINDOW else None
         self._window.clear()
         if isinstance(line, Refusal):
             return None
@@ -104,27 +104,27 @@ def _numbers(line: str) -> _Numbers | None:
     return _Numbers(len(words), parse_milliseconds(words[0]), parse_milliseconds(words[-1]), readable)
 
 
-def _judge(window: Iterable[_Numbers]) -> str | None:
+def _classify(window: Iterable[_Numbers]) -> str | None:
     lines = list(window)
     readable = frozenset.intersection(*(line.readable for line in lines))
-    first, last = _course([line.first for line in lines]), _course([line.last for line in lines])
-    rising = (_Course.CLOCK, _Course.RISING)
-    if first is _Course.CLOCK and last not in rising and "time-millimetres" in readable:
+    first, last = _trend([line.first for line in lines]), _trend([line.last for line in lines])
+    rising = (_Trend.CLOCK, _Trend.RISING)
+    if first is _Trend.CLOCK and last not in rising and "time-millimetres" in readable:
         return "time-millimetres"
-    if last is _Course.CLOCK and first not in rising and "millimetres-time" in readable:
+    if last is _Trend.CLOCK and first not in rising and "millimetres-time" in readable:
         return "millimetres-time"
-    if first is last is _Course.NO_CLOCK and "millimetres" in readable:
+    if first is last is _Trend.NO_CLOCK and "millimetres" in readable:
         return "millimetres"
     return None
 
 
-def _course(column: list[int | None]) -> _Course:
+def _trend(column: list[int | None]) -> _Trend:
     times = [time for time in column if time is not None]
     if len(times) < len(column):
-        return _Course.NO_CLOCK
+        return _Trend.NO_CLOCK
     steps = [after - before for before, after in pairwise(times)]
     falls = sum(step <= 0 for step in steps)
     if falls:
-        return _Course.NO_CLOCK if falls >= MIN_FALLS else _Course.UNSURE
+        return _Trend.NO_CLOCK if falls >= MIN_FALLS else _Trend.UNSURE
     steady = min(steps) >= MIN_STEP and max(steps) <= MAX_UNEVENNESS * min(steps)
-    return _Course.CLOCK if steady else _Course.RISING
+    return _Trend.CLOCK if steady else _Trend.RISING

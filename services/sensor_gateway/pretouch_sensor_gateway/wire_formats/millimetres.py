@@ -1,10 +1,11 @@
-"""Lines of numbers: one range in millimetres for each module, and perhaps the device's time.
+"""Reads lines of numbers: one range in millimetres for each module, and perhaps the device's time.
 
     132 45.5 255 8190          millimetres
     104233, 132, 45.5          time-millimetres: milliseconds since the start first
     132 45.5 104233            millimetres-time: milliseconds since the start last
 
-`fields` says which numbers and words are ranges, and which are none. A line with anything else is refused as a whole.
+`text_fields` decides which numbers and words are ranges, and which are none. A line with anything else is refused as a
+whole.
 """
 
 from __future__ import annotations
@@ -17,19 +18,19 @@ MILLIS_MODULUS = 2**32 * 1000
 
 
 def read_millimetres(line: str) -> Measurement | None:
-    """A line of ranges."""
+    """Reads a line of ranges."""
     return _measurement(split_fields(line), None)
 
 
 def read_time_millimetres(line: str) -> Measurement | None:
-    """A line of a time and ranges."""
+    """Reads a line of a time and ranges."""
     words = split_fields(line)
     micros = parse_milliseconds(words[0]) if words else None
     return None if micros is None else _measurement(words[1:], micros % MILLIS_MODULUS)
 
 
 def read_millimetres_time(line: str) -> Measurement | None:
-    """A line of ranges and a time."""
+    """Reads a line of ranges and a time."""
     words = split_fields(line)
     micros = parse_milliseconds(words[-1]) if words else None
     return None if micros is None else _measurement(words[:-1], micros % MILLIS_MODULUS)

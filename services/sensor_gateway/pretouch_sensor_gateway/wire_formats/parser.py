@@ -1,4 +1,4 @@
-"""What devices say, whatever wire format they say it in, and why something they sent was refused."""
+"""What a parser makes of a device's bytes, whatever the wire format: messages, and reasons to refuse something."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class Measurement:
     """One measurement of every module of a device.
 
     Attributes:
-        boot: a number that changes with every start of the device; None if its format has none.
-        sequence: counts measurements from 0 at the device's start; 32 bits, wraps; None if its format has none.
+        boot: a number that changes with every boot of the device; None if its format has none.
+        sequence: counts measurements from 0 at boot; 32 bits, wraps; None if its format has none.
         micros: device clock at the measurement, microseconds, wraps at the format's modulus; None if it has none.
-        ranges: m along the beam of each module, NaN where it gave none.
+        ranges: m along the beam of each module, NaN where it has none.
         status: each module's own status code, 0 is good.
     """
 
@@ -32,7 +32,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class PingReply:
-    """The answer to the ping of that `sequence`: `micros` is the device clock when it is sent."""
+    """The reply to the ping of that `sequence`; `micros` is the device clock when it was sent."""
 
     boot: int
     sequence: int
@@ -41,7 +41,7 @@ class PingReply:
 
 @dataclass(frozen=True)
 class Identity:
-    """What a device says of itself.
+    """What a device reports of itself.
 
     Attributes:
         boot: as in its measurements.
@@ -62,7 +62,7 @@ DeviceMessage = Measurement | PingReply | Identity
 
 
 class Refusal(Enum):
-    """Why something that a device sent was refused; the value says it to a user."""
+    """Why something that a device sent was refused; the value is the text for users."""
 
     OVERSIZE = "longer than any frame or line may be"
     ENCODING = "not in the encoding of the format"
@@ -76,12 +76,12 @@ class Refusal(Enum):
 
 
 class Parser(Protocol):
-    """Takes bytes as they come, in pieces of any size, and gives what they say; counts what it cannot read.
+    """Parses a device's bytes, in pieces of any size, into messages, and counts what it refuses.
 
     Attributes:
-        name: as a configuration names it.
-        two_way: whether the device answers pings and tells who it is; otherwise nothing is ever sent to it.
-        tick_modulus: microseconds at which the device's time wraps; None if it tells none.
+        name: of the wire format, as in a configuration.
+        two_way: whether the device answers pings and identifies itself; otherwise nothing is ever sent to it.
+        tick_modulus: microseconds at which the device's time wraps; None if it sends none.
         refused: frames or lines refused so far, by reason.
     """
 
@@ -95,9 +95,9 @@ class Parser(Protocol):
     def refused(self) -> Counter[Refusal]: ...
 
     def feed(self, data: bytes) -> list[DeviceMessage]:
-        """What `data` completes, in its order; never raises."""
+        """The messages that `data` completes, in their order; never raises."""
         ...
 
     def restart(self) -> None:
-        """Forgets what is half received: the line was cut."""
+        """Forgets a half-received message: the port was closed."""
         ...

@@ -1,4 +1,4 @@
-"""The formats that a device can speak, by the names that a configuration uses."""
+"""A parser for each wire format, by the names that a configuration uses."""
 
 from __future__ import annotations
 

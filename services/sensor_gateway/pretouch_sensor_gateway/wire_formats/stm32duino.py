@@ -1,4 +1,4 @@
-"""The log line of users of the stm32duino library for the VL53L1X: time, count, then each sensor's range and status.
+"""Reads log lines for the VL53L1X by users of the stm32duino library: time, count, each sensor's range and status.
 
     [00:04:54.034, 08749]      1243 [0]            1838 [4]
 
@@ -25,7 +25,7 @@ _MODULE = re.compile(r"(\d{1,5}) *\[(\d{1,3})\]")
 
 
 def read_stm32duino(line: str) -> Measurement | None:
-    """A line of time, count, ranges and status."""
+    """Reads a line of time, count, ranges and status."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None

@@ -1,4 +1,4 @@
-"""What a single number or word on a line says: a range, no range, a time, or nothing that is certain."""
+"""Parses a single number or word on a line: a range, no range, a time, or nothing that is certain."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import re
 from pretouch_sensor_gateway.wire_formats.parser import OK
 
 NO_TARGET = 7
-"""Status of a module that gave no range, where the device does not say why."""
+"""Status of a module without a range, where the device does not say why."""
 NO_ANSWER = 255
 """Status of a module that did not answer in time."""
 MAX_MILLIMETRES = 6500
-"""No sensor of this kind measures farther, and the binary format cannot tell more."""
+"""No sensor of this kind measures farther, and the binary format cannot hold more."""
 
 Reading = tuple[float, int]
 """A range, m, NaN for none, and the module's status."""
@@ -33,9 +33,9 @@ _TIMEOUT = "timeout"
 
 
 def split_fields(line: str) -> list[str]:
-    """The fields of a line that no blanks surround: separated by blanks, or by commas or semicolons.
+    """Splits a line without leading or trailing blanks into its fields: at blanks, commas or semicolons.
 
-    Between two commas or semicolons a field may be empty; one at the end counts for nothing. "TIMEOUT" after a number
+    Between two commas or semicolons a field may be empty; one at the end is ignored. "TIMEOUT" after a number
     that is no range belongs to that number.
     """
     cells = re.split(r"[,;]", line)
@@ -53,7 +53,7 @@ def split_fields(line: str) -> list[str]:
 
 
 def parse_reading(word: str) -> Reading | None:
-    """A word that stands for one module's range in millimetres and says nothing of its status; None: not certain.
+    """Parses a word that stands for one module's range in millimetres, without a status; None: not certain.
 
     Numbers above 0 and up to `MAX_MILLIMETRES` are ranges, but for those that libraries return instead of one. These,
     zero and negative numbers, an empty field, up to three dashes and the words for "not a number" are no range. Any
@@ -72,14 +72,14 @@ def parse_reading(word: str) -> Reading | None:
 
 
 def reading_with_status(millimetres: int, status: int) -> Reading:
-    """A range whose status the device tells. One that cannot be is none, even where its status is good."""
+    """The reading of a range whose status the device sends. An impossible range is none, even if its status is good."""
     if 0 < millimetres <= MAX_MILLIMETRES:
         return millimetres / 1000, status
     return math.nan, NO_TARGET if status == OK else status
 
 
 def parse_milliseconds(word: str) -> int | None:
-    """A word that stands for a time in milliseconds, as microseconds; None if it is none."""
+    """Parses a word that stands for a time in milliseconds, into microseconds; None if it is no time."""
     if not _NUMBER.fullmatch(word) or word.startswith("-"):
         return None
     return round(float(word) * 1000)
