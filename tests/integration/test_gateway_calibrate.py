@@ -276,10 +276,10 @@ def test_nothing_measured_is_refused(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--distances", ""], "are none"),
-        (["--distances", "20,thirty"], "are none"),
-        (["--distances", "20,-30"], "are none"),
-        (["--distances", "nan"], "are none"),
+        (["--distances", ""], "are not valid"),
+        (["--distances", "20,thirty"], "are not valid"),
+        (["--distances", "20,-30"], "are not valid"),
+        (["--distances", "nan"], "are not valid"),
         (["--distances", "20,20.0"], "names one twice"),
         (["--report", "a.gif"], r"no \.png"),
         (["--out", "none/c.json"], "cannot be written"),

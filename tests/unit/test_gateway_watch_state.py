@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.watch.events import KEPT, QUIET, EventLog, Severity
-from pretouch_sensor_gateway.watch.keys import Key, keys_in
+from pretouch_sensor_gateway.watch.keys import Key, parse_keys
 from pretouch_sensor_gateway.watch.state import Watch, WatchedDevice
 from watched_gateway import device, module, ranges, status
 
@@ -195,4 +195,4 @@ def test_the_selection_goes_round_and_stays_within_the_devices() -> None:
     ],
 )
 def test_keys_are_read_from_what_a_terminal_sends(typed: bytes, keys: list[Key | int]) -> None:
-    assert keys_in(typed) == keys
+    assert parse_keys(typed) == keys

@@ -98,7 +98,7 @@ class PointStream:
             if not (math.isfinite(tip.t) and abs(tip.t - now) <= SPAN):
                 raise InvalidInput(
                     f"A tip pose is of {tip.t:.3f} s, not within {SPAN:g} s of the device's {now:.3f} s.",
-                    "Send seconds since the Unix epoch, and keep the robot's clock and the gateway's in step (NTP).",
+                    "Send Unix time in seconds, and keep the robot's clock and the gateway's in step (NTP).",
                 )
             if self._path.end is None:
                 self._device.history.add_path(self._path)

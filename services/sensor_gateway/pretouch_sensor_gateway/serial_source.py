@@ -132,7 +132,7 @@ class SerialSource:
         if now - max(self._pipeline.last_accepted, self._opened_at) > SILENT_AFTER:
             refused = (self._pipeline.refused - self._refused_before).most_common(1)
             if not refused:
-                return "The port is open but nothing comes that ends a frame."
+                return "The port is open, but no complete frame or line arrives."
             return f"The port is open but no good frame comes; most were refused because: {refused[0][0].value}."
         return self._pipeline.problem() if now - self._opened_at > SILENT_AFTER else ""
 

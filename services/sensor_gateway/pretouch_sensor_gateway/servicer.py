@@ -78,7 +78,7 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
         start, end = getattr(request, "from"), request.to
         if not (math.isfinite(start) and math.isfinite(end) and start <= end):
             raise InvalidInput(
-                f"The span from {start:g} to {end:g} is none.", "Send seconds since the Unix epoch, from before to."
+                f"The span from {start:g} to {end:g} is not valid.", "Send Unix times in seconds, from before to."
             )
         span = self._device(request.device).history.between(start, end)
         return pb.GetSamplesResponse(samples=samples_to_proto(await self._kit.cpu(fuse_span, *span)))

@@ -165,7 +165,7 @@ def _parse_distances(text: str) -> tuple[float, ...]:
     except ValueError:
         millimetres = []
     if not millimetres or not all(0 < each <= 10_000 for each in millimetres):
-        raise InvalidInput(f"--distances {text!r} are none.", "Give millimetres, as 15,20,30,50,80.")
+        raise InvalidInput(f"--distances {text!r} are not valid.", "Give millimetres, as 15,20,30,50,80.")
     if len(set(millimetres)) < len(millimetres):
         raise InvalidInput(f"--distances {text!r} names one twice.", "Name each distance once.")
     return tuple(round(each / 1000, 9) for each in millimetres)

@@ -73,7 +73,7 @@ async def _watch(access: Access, device: str, seconds: float | None) -> None:
     """Watches until the user quits or `seconds` have passed.
 
     Raises:
-        PretouchError: something that trying again would not mend, or the gateway never answered within `seconds`.
+        PretouchError: an error that a retry does not fix, or the gateway never answered within `seconds`.
     """
     watched = Watch(access.address)
     async with open_channel(*access) as channel:

@@ -1,4 +1,4 @@
-"""Ranges as characters: a bar for the newest, a sparkline for those of late."""
+"""Ranges as characters: a bar for the newest, a sparkline for the recent ones."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def bar(metres: float, width: int, style: str) -> Text:
 
 
 def sparkline(summary: Summary, module: int) -> Text:
-    """One character a column: the height is the mean range, between the least and the greatest that are shown.
+    """One character per column; its height is the mean range, between the least and the greatest shown.
 
-    A dot is a column of misses alone, a blank one without any measurement; a column with some misses is coloured.
+    A dot is a column of misses only, a blank is one without any measurement; a column with some misses is coloured.
     """
     mean, returns = summary.mean[:, module], summary.returns[:, module]
     low = float(np.nanmin(mean, initial=np.inf))

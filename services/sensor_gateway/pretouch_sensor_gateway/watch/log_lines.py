@@ -1,4 +1,4 @@
-"""Devices as lines of text, for a log: one for each device and moment."""
+"""Lines of text for a log: one for each device and moment."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from datetime import datetime
 from pretouch_sensor_gateway.watch.state import STATES, Reading, Watch, WatchedDevice
 
 
-def lines(watch: Watch, wall: float) -> Iterator[str]:
-    """What is known of each device at `wall`, s since the Unix epoch; of the gateway alone, if it is not heard."""
+def log_lines(watch: Watch, wall: float) -> Iterator[str]:
+    """A line for each device at Unix time `wall`, s; one for the gateway if it does not answer."""
     time = datetime.fromtimestamp(wall).astimezone().isoformat(timespec="seconds")
     if not watch.connected:
         yield f"{time} {watch.problem or f'Connecting to {watch.address}.'}"

@@ -15,7 +15,7 @@ from pretouch_sensor_gateway.watch.status_codes import meaning
 from pretouch_sensor_gateway.watch.trace import SPAN
 
 RECENT = 10.0
-"""Seconds over which the share and the rate of returns are taken."""
+"""Seconds over which the share and the rate of returns are computed."""
 _WIDE = 112
 """Columns of a terminal from which on there is room for more numbers."""
 _LEAST_BAR, _LARGEST_BAR = 8, 50
@@ -33,7 +33,7 @@ class _Column:
 
 
 class ModuleTable:
-    """The modules of `device` at time `now`; if not `live`, the ranges shown are old, and look it."""
+    """The modules of `device` at time `now`; if not `live`, the ranges are old, and shown dimmed."""
 
     def __init__(self, device: WatchedDevice, now: float, live: bool) -> None:
         self._device = device

@@ -1,4 +1,4 @@
-"""A device's facts in words: what it is, what came of its frames, its clock, its recording."""
+"""A device's status in words: identity, frames, clock, recording."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ STATE_STYLES = {
 }
 _UNITS = ("B", "kB", "MB", "GB", "TB")
 _DOUBTFUL_STD = 0.005
-"""Seconds of a frame's time from which on it is worth a look: at 5 cm/s a quarter of a millimetre."""
+"""Seconds; a larger standard deviation of a frame's time is highlighted: at 5 cm/s a quarter of a millimetre."""
 
 
 def identity_facts(device: WatchedDevice, now: float) -> Iterator[tuple[str, Text]]:
-    """Labels and facts: its state, its port, and what it says of itself."""
+    """Labels and facts: its state, its port, and what it reports of itself."""
     status = device.status
     state = status.device.state
     lasted = timedelta(seconds=max(0, int(now - device.state_since)))
@@ -78,15 +78,15 @@ def _frames(status: pb.GetStatusResponse) -> Text:
 def _clock(status: pb.GetStatusResponse) -> Text:
     clock = status.clock
     jumps = status.host_clock_jumps
-    told = _bad(jumps, "host jump" if jumps == 1 else "host jumps") if jumps else ""
+    host_jumps = _bad(jumps, "host jump" if jumps == 1 else "host jumps") if jumps else ""
     if not clock.synchronised:
-        return _joined(Text("not synchronised: no ranges are passed on", "yellow"), told)
+        return _joined(Text("not synchronised: no ranges are passed on", "yellow"), host_jumps)
     return _joined(
         Text("synchronised", "green"),
         f"drift {1e6 * clock.drift:+.1f} ppm",
         Text(f"time ± {1000 * clock.std:.2f} ms", "yellow" if clock.std > _DOUBTFUL_STD else ""),
         f"round trip {1000 * clock.round_trip:.2f} ms" if clock.round_trip > 0 else "answers no pings",
-        told,
+        host_jumps,
     )
 
 

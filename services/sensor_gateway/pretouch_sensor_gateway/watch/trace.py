@@ -1,4 +1,4 @@
-"""The ranges of late, summed up in short spans of time: what a sparkline shows."""
+"""The recent ranges, summarised over short spans of time, as a sparkline shows them."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 
 SPAN = 0.25
-"""Seconds that are summed up together."""
+"""Seconds of one span."""
 SPANS = 960
 """Spans that are kept: 4 minutes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """n spans of time of k modules.
+    """The ranges of k modules over n spans of time.
 
     Attributes:
         frames: (n,) measurements in each.
-        returns: (n, k) how many of these came back with a range.
+        returns: (n, k) how many of these have a range.
         mean: (n, k) m, the mean of those ranges; NaN where there was none.
     """
 
@@ -46,9 +46,9 @@ class Trace:
     _newest: int | None = None
 
     def add(self, t: Array, ranges: Array) -> None:
-        """Takes measurements at times t (f,), with ranges (f, k), m, NaN for a miss.
+        """Adds measurements at times t (f,), with ranges (f, k), m, NaN for a miss.
 
-        Times that run back by more than is kept begin the trace anew: the clock was set.
+        Times that go back by more than is kept clear the trace: the clock was set.
         """
         index = np.floor(t / SPAN).astype(np.int64)
         for k in np.unique(index).tolist():
@@ -66,10 +66,10 @@ class Trace:
         self._forget()
 
     def latest(self, now: float, count: int, joined: int = 1) -> Summary:
-        """The last `count` columns that are over at time `now`, oldest first.
+        """Summarises the last `count` columns that are complete at time `now`, oldest first.
 
         Args:
-            joined: spans that make a column: the same ones at any time, so that columns move but do not change.
+            joined: spans per column. They are grouped alike at any time, so that columns move but do not change.
         """
         frames = np.zeros(count, np.int64)
         returns = np.zeros((count, self.modules), np.int64)
@@ -84,7 +84,7 @@ class Trace:
         return Summary(frames, returns, mean)
 
     def recent(self, now: float, seconds: float) -> tuple[int, NDArray[np.int64]]:
-        """How many measurements there were in about the last `seconds`, and of each module (k,) how many returned."""
+        """How many measurements there were in about the last `seconds`, and how many ranges of each module (k,)."""
         summary = self.latest(now, round(seconds / SPAN))
         return int(summary.frames.sum()), summary.returns.sum(axis=0)
 
