@@ -1,1 +1,1 @@
-"""Speed and memory, always beside a peer, as a ratio in one run."""
+"""Speed and memory, beside a peer, as a ratio in one run; and the gateway in simulated hours of faults and of clocks."""

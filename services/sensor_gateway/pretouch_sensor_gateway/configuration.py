@@ -1,6 +1,6 @@
 """Reads which devices the gateway serves, and their settings, from its environment.
 
-`PRETOUCH_GATEWAY_DEVICES` is either `name=port,name=port`, or the path of a TOML file that says more:
+`PRETOUCH_GATEWAY_DEVICES` is either `name=port,name=port`, or the path of a TOML file with all settings:
 
     recordings = "recordings"                # folder; left out: nothing can be recorded
 
@@ -31,7 +31,7 @@ from pretouch.wire.reader import Members, at, pose
 from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.recording.validation import check_recording
-from pretouch_sensor_gateway.transport.address import parse_address
+from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD, parse_address
 from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, create_parser
 
 VARIABLE = "PRETOUCH_GATEWAY_DEVICES"
@@ -41,7 +41,6 @@ _REMEDY = (
     f"Set {VARIABLE} to name=port,name=port, or to the path of a .toml file: a name is of letters, digits, "
     "'-', '_' and '.'."
 )
-DEFAULT_BAUD = 115_200
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ class Device:
     """A finger that the gateway serves.
 
     Args:
-        tip_T_module: pose of each module in the tip frame.
+        tip_T_module: pose of each module in the tip's coordinate frame.
         calibration: of its modules; None: ranges are taken as the device reports them.
         recorder: None where the gateway has no folder to record to.
 

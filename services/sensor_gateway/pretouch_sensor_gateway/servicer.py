@@ -46,7 +46,7 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
         self, request: pb.StreamRangesRequest, context: Any
     ) -> AsyncIterator[pb.StreamRangesResponse]:
         with self._device(request.device).subscribe() as subscription:
-            await context.send_initial_metadata(())  # tells the client that from now on it gets every batch
+            await context.send_initial_metadata(())  # lets the client know that from now on it gets every batch
             while True:
                 await subscription.changed.wait()
                 subscription.changed.clear()

@@ -27,13 +27,13 @@ _MOST_GLASS = 0.9
 def fit_module(readings: Mapping[float, Array]) -> ModuleFit:
     """Fits the model of `model.py` to readings at one distance or more.
 
-    One distance tells the offset, two the scale too. Three or more could tell the crosstalk, which is taken only if it
-    exceeds two of its standard errors; else it is exactly 0 and the other parameters are fitted without it. Standard
+    One distance determines the offset, two the scale too. Three or more determine the crosstalk, which is kept only if
+    it exceeds two of its standard errors; else it is exactly 0 and the other parameters are fitted without it. Standard
     errors come from the readings' noise, their steps, and `PLACEMENT_STD`; if the residuals are larger than these
     explain, they grow accordingly.
 
     Args:
-        readings: distance in m -> readings (n,), m, finite, of status 0; a distance without readings is none.
+        readings: distance in m -> readings (n,), m, finite, of status 0; a distance without readings is ignored.
     """
     measured = {distance: values for distance, values in sorted(readings.items()) if len(values)}
     if not measured:
@@ -69,7 +69,7 @@ def _named(numbers: Sequence[float]) -> dict[str, float]:
 
 
 def _error_of_mean(point: Point, step: float) -> float:
-    """One standard deviation of the mean reading about what the model says, m.
+    """One standard deviation of the mean reading about the model, m.
 
     Noise of half a step or more averages the rounding out; without noise it stays. What is left of its step / sqrt(12)
     falls as exp(-2 pi^2 (std / step)^2) (Widrow and Kollar, Quantization Noise, 2008: the first harmonic).

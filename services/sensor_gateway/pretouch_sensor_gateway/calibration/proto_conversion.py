@@ -26,10 +26,10 @@ def calibration_to_proto(calibration: Calibration) -> pb.Calibration:
 
 
 def calibration_from_proto(message: pb.Calibration) -> Calibration:
-    """Every number of every module is needed: proto3 cannot tell a scale of 0 from one that was left out.
+    """Requires every number of every module: in proto3 a scale that was left out is a scale of 0.
 
     Raises:
-        InvalidInput: a value that makes no sense, with its path in the detail.
+        InvalidInput: an invalid value, with its path in the detail.
     """
     if len(message.modules) > MAX_MODULES:
         raise InvalidInput(f"calibration has {len(message.modules)} modules.", f"Send at most {MAX_MODULES}.")

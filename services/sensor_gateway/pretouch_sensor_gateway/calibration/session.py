@@ -146,8 +146,8 @@ class Session:
             self._refused.setdefault(distance, []).append(stds)
             more = f", and {len(doubts) - 2} modules more" if len(doubts) > 2 else ""
             own = " Noise as large again is then taken for the module's own." if "noise" in "".join(doubts) else ""
-            said = "; ".join(doubts[:2]) + more
-            self._print(f"Not taken, was the plate moved? {said}. Hold it still and repeat, or skip.{own}")
+            doubtful = "; ".join(doubts[:2]) + more
+            self._print(f"Not taken, was the plate moved? {doubtful}. Hold it still and repeat, or skip.{own}")
             return False
         self.readings[distance] = readings.raw
         points = [reject_outliers(distance, column, find_step([column])) if len(column) else None for column in columns]

@@ -51,27 +51,27 @@ def build_table(fits: Sequence[ModuleFit]) -> Table:
 
 def remarks(fits: Sequence[ModuleFit]) -> list[str]:
     """What the table does not show: modules without a calibration, simplified models, a misplaced plate."""
-    said = [f"Module {k} is not calibrated: {fit.problem}" for k, fit in enumerate(fits) if fit.problem]
+    found = [f"Module {k} is not calibrated: {fit.problem}" for k, fit in enumerate(fits) if fit.problem]
     for count, text in ((1, "one distance tells the offset alone"), (2, "two distances tell offset and scale alone")):
         few = [str(k) for k, fit in enumerate(fits) if len(fit.points) == count and not fit.problem]
         if few:
-            said.append(f"Module {', '.join(few)}: {text}; measure three or more.")
+            found.append(f"Module {', '.join(few)}: {text}; measure three or more.")
     glass = [k for k, fit in enumerate(fits) if fit.calibration.crosstalk]
-    said += [
-        f"Module {k}: with this crosstalk nothing beyond {1000 * fits[k].calibration.reach:.0f} mm can be told."
+    found += [
+        f"Module {k}: with this crosstalk nothing beyond {1000 * fits[k].calibration.reach:.0f} mm can be measured."
         for k in glass
     ]
-    return said + (_misplaced(fits) or _unexplained(fits))
+    return found + (_misplaced(fits) or _unexplained(fits))
 
 
 def _unexplained(fits: Sequence[ModuleFit]) -> list[str]:
-    said = []
+    found = []
     for k, fit in enumerate(fits):
         off = _rms([point.residual for point in fit.points])
         noise = _rms([float(fit.calibration.std_at(np.array(point.distance))) for point in fit.points])
         if off > max(_SUSPICIOUS, noise) and not fit.problem:
-            said.append(f"Module {k}: the model is still {1000 * off:.1f} mm off; were the distances right?")
-    return said
+            found.append(f"Module {k}: the model is still {1000 * off:.1f} mm off; were the distances right?")
+    return found
 
 
 def _misplaced(fits: Sequence[ModuleFit]) -> list[str]:

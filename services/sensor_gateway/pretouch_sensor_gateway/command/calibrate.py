@@ -24,15 +24,16 @@ from pretouch_sensor_gateway.calibration.readings import split_by_module
 from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit
 from pretouch_sensor_gateway.calibration.session import Plan, Session
 from pretouch_sensor_gateway.calibration.table import build_table, remarks
+from pretouch_sensor_gateway.command.defaults import DEFAULT_GATEWAY
+from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD
 
-_DEFAULT_GATEWAY = "127.0.0.1:50053"
 _INTERRUPTED = 130
 _LEAST_AFTER_INTERRUPTION = 2
 
 
 def calibrate(
     gateway: Annotated[
-        str | None, typer.Option(help="host:port of a running gateway.", show_default=_DEFAULT_GATEWAY)
+        str | None, typer.Option(help="host:port of a running gateway.", show_default=DEFAULT_GATEWAY)
     ] = None,
     device: Annotated[str, typer.Option(help="The device's name.", show_default="the only one")] = "",
     port: Annotated[
@@ -42,7 +43,7 @@ def calibrate(
     wire_format: Annotated[
         str, typer.Option("--format", help="With --port: the device's wire format; auto recognises it.")
     ] = "auto",
-    baud: Annotated[int, typer.Option(help="With --port: bits a second of a real UART.")] = 115_200,
+    baud: Annotated[int, typer.Option(help="With --port: bits a second of a real UART.")] = DEFAULT_BAUD,
     distances: Annotated[
         str, typer.Option(help="Distances of the plate from the finger's reference, mm, in the order of measuring.")
     ] = "15,20,30,40,50,60,80,100",
@@ -68,9 +69,9 @@ def calibrate(
 ) -> None:
     """Calibrate a finger's modules with a plate at known distances."""
     plan = Plan(_parse_distances(distances), samples, warm_up)
-    os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # gRPC's own messages would land amid the prompts
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # gRPC's own messages would disturb the prompts
     if port is None:
-        with open_sync_channel(gateway or _DEFAULT_GATEWAY, token, tls_ca, tls_cert, tls_key) as channel:
+        with open_sync_channel(gateway or DEFAULT_GATEWAY, token, tls_ca, tls_cert, tls_key) as channel:
             calibrate_through(SensorGatewayServiceStub(channel), device, plan, out, report, apply)
         return
     if gateway is not None or device or apply:

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from pretouch.errors import DeadlineExceeded, Unavailable
-from pretouch_sensor_gateway.configuration import DEFAULT_BAUD, VARIABLE, DeviceSetting
+from pretouch_sensor_gateway.configuration import VARIABLE, DeviceSetting
+from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD
 from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO
 
 DEVICE = "finger"

@@ -13,11 +13,11 @@ from pretouch.channel import open_channel
 from pretouch.cli import TlsCa, TlsCert, TlsKey, Token
 from pretouch.errors import InvalidInput, Unavailable
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
+from pretouch_sensor_gateway.command.defaults import DEFAULT_GATEWAY
+from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD
 from pretouch_sensor_gateway.watch.feed import Feed
 from pretouch_sensor_gateway.watch.state import Watch
 from pretouch_sensor_gateway.watch.terminal import show
-
-DEFAULT_GATEWAY = "127.0.0.1:50053"
 
 
 class Access(NamedTuple):
@@ -45,7 +45,7 @@ def watch(
     wire_format: Annotated[
         str, typer.Option("--format", help="With --port: the device's wire format; auto recognises it.")
     ] = "auto",
-    baud: Annotated[int, typer.Option(help="With --port: bits a second of a real UART.")] = 115_200,
+    baud: Annotated[int, typer.Option(help="With --port: bits a second of a real UART.")] = DEFAULT_BAUD,
     seconds: Annotated[
         float | None, typer.Option(min=0.0, help="End by itself after so long.", show_default="when told to")
     ] = None,
@@ -55,7 +55,7 @@ def watch(
     tls_key: TlsKey = None,
 ) -> None:
     """Show live ranges, rates, drops and clock of the devices, or log them line by line where there is no terminal."""
-    os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # gRPC's own messages would land amid the view
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # gRPC's own messages would disturb the view
     if port is None:
         asyncio.run(_watch(Access(gateway or DEFAULT_GATEWAY, token, tls_ca, tls_cert, tls_key), device, seconds))
         return

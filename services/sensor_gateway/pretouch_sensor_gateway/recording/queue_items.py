@@ -9,10 +9,10 @@ from pretouch.v1 import sensor_gateway_pb2 as pb
 
 @dataclass(frozen=True)
 class BatchItem:
-    """A batch of `frames` measurements."""
+    """A batch and its number of measurements."""
 
     batch: pb.RangeBatch
-    frames: int
+    measurements: int
 
 
 @dataclass(frozen=True)

@@ -81,15 +81,15 @@ class Recorder:
         """Records `batch`, which must not be changed afterwards."""
         if not self._on:
             return
-        frames = batch.t.shape[0] if batch.t.shape else 0
+        measurements = batch.t.shape[0] if batch.t.shape else 0
         with self._lock:
             if self._batches >= QUEUE_BATCHES:
-                self._unrecorded += frames
-                self._overflowed += frames
+                self._unrecorded += measurements
+                self._overflowed += measurements
                 return
-            self._items.append(BatchItem(batch, frames))
+            self._items.append(BatchItem(batch, measurements))
             self._batches += 1
-            self._pending += frames
+            self._pending += measurements
         self._wake()
 
     def record_configuration(self, configuration: pb.DeviceConfiguration, at: float) -> None:

@@ -77,7 +77,7 @@ class RotatingFiles:
             except Exception as error:
                 self._pause(error, now)
                 if isinstance(item, BatchItem):
-                    self._give_up(item.frames)
+                    self._give_up(item.measurements)
         try:
             self._commit()
         except Exception as error:
@@ -87,14 +87,14 @@ class RotatingFiles:
     def _write_item(self, item: Item, now: float) -> None:
         match item:
             case BatchItem() if now < self._retry_at:
-                self._give_up(item.frames)
+                self._give_up(item.measurements)
             case BatchItem():
                 entries = self._encoder.encode_batch(item.batch)
                 self._end_full_file(entries)
                 self._file = self._file or self._open_file(entries[0].time)
                 for entry in entries:
                     self._file.add(entry)
-                self._uncommitted += item.frames
+                self._uncommitted += item.measurements
             case ConfigurationItem():
                 self._encoder.set_configuration(item.configuration)
                 if self._file:
@@ -176,9 +176,9 @@ class RotatingFiles:
             )
         self.problem = f"Recording is paused, {where}: {reason}. It is tried again every {RETRY_AFTER:.0f} s."
 
-    def _give_up(self, frames: int) -> None:
-        self._unrecorded += frames
-        self._missed += frames
+    def _give_up(self, measurements: int) -> None:
+        self._unrecorded += measurements
+        self._missed += measurements
 
     def _count_bytes(self) -> int:
         try:

@@ -11,6 +11,8 @@ from urllib.parse import urlsplit
 
 from pretouch.errors import InvalidInput
 
+DEFAULT_BAUD = 115_200
+"""Bits a second of a real UART; USB, ptys and sockets ignore it."""
 _FORMS = (
     "Give the path of a serial port (/dev/serial/by-id/... survives replugging), usb:VID:PID or usb:VID:PID:SERIAL "
     "with the hexadecimal numbers that lsusb shows, or socket://host:port."

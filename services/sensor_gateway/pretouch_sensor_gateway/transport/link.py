@@ -19,13 +19,11 @@ from typing import Protocol
 
 import structlog
 
-from pretouch_sensor_gateway.transport.address import parse_address
+from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD, parse_address
 from pretouch_sensor_gateway.transport.port import Port, close_port, open_port
 from pretouch_sensor_gateway.transport.problem import describe_loss
 from pretouch_sensor_gateway.transport.threads import DaemonThreads
 
-BAUD = 115_200
-"""Bits a second of a real UART; USB, ptys and sockets ignore it."""
 FIRST_DELAY = 0.1
 """Seconds before a port is reopened; doubles with every further try until bytes were read."""
 MAX_DELAY = 5.0
@@ -79,7 +77,7 @@ class Link:
     """
 
     def __init__(
-        self, address: str, listener: Listener, log: structlog.typing.FilteringBoundLogger, baud: int = BAUD
+        self, address: str, listener: Listener, log: structlog.typing.FilteringBoundLogger, baud: int = DEFAULT_BAUD
     ) -> None:
         self.address = address
         self.state = LinkState.OPENING

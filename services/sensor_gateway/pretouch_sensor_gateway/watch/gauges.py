@@ -40,12 +40,13 @@ def sparkline(summary: Summary, module: int) -> Text:
     low = float(np.nanmin(mean, initial=np.inf))
     height = max(float(np.nanmax(mean, initial=-np.inf)) - low, _LEAST_HEIGHT)
     marks = []
-    for metres, returned, frames in zip(mean.tolist(), returns.tolist(), summary.frames.tolist(), strict=True):
+    columns = zip(mean.tolist(), returns.tolist(), summary.measurements.tolist(), strict=True)
+    for metres, returned, measured in columns:
         if returned:
             level = min(int((metres - low) / height * len(_LEVELS)), len(_LEVELS) - 1)
-            marks.append((_LEVELS[level], "cyan" if returned == frames else "yellow"))
+            marks.append((_LEVELS[level], "cyan" if returned == measured else "yellow"))
         else:
-            marks.append((_MISS, "yellow") if frames else (" ", ""))
+            marks.append((_MISS, "yellow") if measured else (" ", ""))
     text = Text()
     for style, run in groupby(marks, key=itemgetter(1)):
         text.append("".join(mark for mark, _ in run), style)

@@ -42,7 +42,7 @@ class ModuleTable:
         self._trace = device.trace
         self._now = device.gateway_time(now)
         self._live = live
-        self._frames, self._returns = device.trace.recent(self._now, RECENT)
+        self._measurements, self._returns = device.trace.recent(self._now, RECENT)
 
     def lines(self, width: int) -> Iterator[Text]:
         """The titles, then a line for each module; none if no module is known."""
@@ -100,7 +100,7 @@ class ModuleTable:
         return Text(f"{words}{doubts}" if good else f"{reading.code} {words}{doubts}", style if self._live else "dim")
 
     def _recent_share(self, k: int) -> Text:
-        return _percent(int(self._returns[k]) if k < len(self._returns) else 0, self._frames)
+        return _percent(int(self._returns[k]) if k < len(self._returns) else 0, self._measurements)
 
     def _share(self, k: int) -> Text:
         """Since the gateway started."""
@@ -110,9 +110,9 @@ class ModuleTable:
 
     def _rate(self, k: int) -> Text:
         """Returns a second."""
-        if not self._live or not self._frames:
+        if not self._live or not self._measurements:
             return Text("-", "dim")
-        return Text(f"{self._device.status.rate * int(self._returns[k]) / self._frames:.1f}")
+        return Text(f"{self._device.status.rate * int(self._returns[k]) / self._measurements:.1f}")
 
     def _jumps(self, k: int) -> Text:
         jumps = self._modules[k].jumps if k < len(self._modules) else 0

@@ -71,8 +71,8 @@ def _default_mode(part: str) -> Reading | None:
 
 
 def _measurement(readings: list[Reading | None]) -> Measurement | None:
-    told = [reading for reading in readings if reading is not None and reading[1] <= NO_ANSWER]
-    if len(told) < len(readings):
+    valid = [reading for reading in readings if reading is not None and reading[1] <= NO_ANSWER]
+    if len(valid) < len(readings):
         return None
-    ranges, status = zip(*told, strict=True)
+    ranges, status = zip(*valid, strict=True)
     return Measurement(None, None, None, ranges, status)

@@ -38,8 +38,8 @@ def read_millimetres_time(line: str) -> Measurement | None:
 
 def _measurement(words: list[str], micros: int | None) -> Measurement | None:
     readings = [parse_reading(word) for word in words]
-    told = [reading for reading in readings if reading is not None]
-    if not any(words) or len(told) < len(readings):
+    valid = [reading for reading in readings if reading is not None]
+    if not any(words) or len(valid) < len(readings):
         return None
-    ranges, status = zip(*told, strict=True)
+    ranges, status = zip(*valid, strict=True)
     return Measurement(None, None, micros, ranges, status)

@@ -29,8 +29,8 @@ def read_stm32duino(line: str) -> Measurement | None:
     match = _LINE.fullmatch(line)
     if match is None:
         return None
-    told = [reading_with_status(int(mm), int(status)) for mm, status in _MODULE.findall(match["modules"])]
-    ranges, status = zip(*told, strict=True)
+    valid = [reading_with_status(int(mm), int(status)) for mm, status in _MODULE.findall(match["modules"])]
+    ranges, status = zip(*valid, strict=True)
     if max(status) > NO_ANSWER:
         return None
     seconds = (int(match["hours"]) * 60 + int(match["minutes"])) * 60 + int(match["seconds"])
