@@ -1,1 +1,1 @@
-"""Speed and memory, beside a peer, as a ratio in one run; and the gateway in simulated hours of faults and of clocks."""
+"""Speed and memory beside a peer, as a ratio in one run; the gateway in hours of simulated faults and clocks."""
