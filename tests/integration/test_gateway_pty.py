@@ -337,8 +337,8 @@ async def test_what_cannot_be_answered_is_refused_with_a_remedy(
         now = time.time()
         for call, said in (
             (stub.StreamRanges(pb.StreamRangesRequest()).read(), "2 devices"),
-            (stub.GetSamples(pb.GetSamplesRequest(device="left", to=1.0, **{"from": 2.0})), "none"),
-            (stub.GetSamples(pb.GetSamplesRequest(device="left", to=math.nan)), "none"),
+            (stub.GetSamples(pb.GetSamplesRequest(device="left", to=1.0, **{"from": 2.0})), "not valid"),
+            (stub.GetSamples(pb.GetSamplesRequest(device="left", to=math.nan)), "not valid"),
             (points(), "without a message"),
             (
                 points(pb.StreamPointsRequest(device="left", tip_poses=[pb.TipPose(t=3.0, base_t_tip=here)])),

@@ -28,11 +28,11 @@ def running(server: grpc.aio.Server, kit: Kit) -> AbstractAsyncContextManager[tu
     Raises:
         InvalidInput: the variable cannot be read.
     """
-    return serving(server, kit, load_configuration(os.environ))
+    return serve(server, kit, load_configuration(os.environ))
 
 
 @asynccontextmanager
-async def serving(server: grpc.aio.Server, kit: Kit, setting: GatewaySetting) -> AsyncIterator[tuple[str, ...]]:
+async def serve(server: grpc.aio.Server, kit: Kit, setting: GatewaySetting) -> AsyncIterator[tuple[str, ...]]:
     """Opens the ports of `setting` and serves their devices.
 
     The gateway starts even if a port cannot be opened: ListDevices says what is wrong, and the port is tried again.
