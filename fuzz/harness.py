@@ -110,7 +110,7 @@ def _check_recovery(parser: Parser, data: bytes) -> None:
         stream = told[len(data) % len(told)]
         assert _told(parser.feed(b"\0\n" + stream))[-1] == _ALONE[stream][-1], "it does not recover"
     parser.restart()
-    assert _held(wire_format) == 0, "it keeps something over a cut"
+    assert _held(parser) == 0, "it keeps something over a cut"
     after = told or list(_ALONE)
     stream = after[len(data) % len(after)]
     assert _told(parser.feed(stream)) == _ALONE[stream], "it hears what came before a cut"
