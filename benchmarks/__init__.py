@@ -1,1 +1,1 @@
-"""Speed and memory, always beside a peer, as a ratio in one run."""
+"""Speed and memory beside a peer, as a ratio in one run; the gateway in hours of simulated faults and clocks."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder, encode
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, Identify, Ping
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
 
 MODULES = 6
 _LEAD, _ENCODING = 0.1, 50e-6
@@ -27,7 +27,7 @@ _TICK = 1e-3
 _HOPELESS = 0.25
 """Seconds behind its time at which a finger gives up."""
 _BETWEEN_LOOKS = 100
-"""Frames encoded until the next look at what the fingers are asked."""
+"""Measurements encoded until the next look at what the fingers are asked."""
 
 
 @dataclass(frozen=True)

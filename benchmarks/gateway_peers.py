@@ -16,8 +16,7 @@ import grpc.aio
 import numpy as np
 import serial
 from numpy.typing import NDArray
-from pretouch_sensor_gateway.batch import Batch
-from pretouch_sensor_gateway.wire import batch_to_proto
+from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder
 
 from benchmarks.gateway_fingers import MODULES
@@ -143,5 +142,5 @@ def message_size() -> int:
     """Bytes of the gateway's message of one frame."""
     ranges, codes = np.zeros((1, MODULES)), np.zeros((1, MODULES), dtype=np.uint8)
     sequence = np.zeros(1, dtype=np.uint32)
-    batch = Batch(np.ones(1), 1e-4, sequence, 1, ranges, ranges, codes, codes, 0)
-    return int(pb.StreamRangesResponse(batch=batch_to_proto(batch)).ByteSize())
+    batch = RangeBatch(np.ones(1), 1e-4, sequence, 1, ranges, ranges, codes, codes, 0)
+    return int(pb.StreamRangesResponse(batch=batch.message).ByteSize())

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_sensor_gateway.history import MAX_FRAMES, SPAN
+from pretouch_sensor_gateway.history import MAX_MEASUREMENTS, SPAN
 
 from benchmarks import gateway_fingers, gateway_subscriber
 from benchmarks.gateway_fingers import MODULES, Job
@@ -75,9 +75,9 @@ def measure(seconds: float, interval: float, seed: int, advance: Callable[[str],
 
 
 def _ring(frames: float) -> int:
-    """Frames for which a device's history has room after so many."""
+    """Measurements for which a device's history has room after so many."""
     room = _FIRST_ROOM
-    while room < frames and room <= RATE * SPAN and room < MAX_FRAMES:
+    while room < frames and room <= RATE * SPAN and room < MAX_MEASUREMENTS:
         room *= 2
     return room
 

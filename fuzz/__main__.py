@@ -15,7 +15,7 @@ from pathlib import Path
 from fuzz.seeds import seeds
 
 _LONGEST = 9_500
-"""Bytes of an input: more than a round of recognition."""
+"""Bytes of an input: more than the automatic detection keeps."""
 
 
 def main() -> int:

@@ -9,12 +9,12 @@ from collections.abc import Iterable
 
 from cobs import cobs
 from fastcrc import crc16
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, FORMATS, MAX_UNDETECTED, create_parser
 from pretouch_sensor_gateway.wire_formats.binary import MAX_FRAME
-from pretouch_sensor_gateway.wire_formats.known import KNOWN
-from pretouch_sensor_gateway.wire_formats.lines import BLANK, MAX_LINE
+from pretouch_sensor_gateway.wire_formats.line_splitter import BLANK, MAX_LINE
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, MAX_FIRMWARE, MAX_MODULES
-from pretouch_sensor_gateway.wire_formats.received import OK, Identity, Measurement, Received, Refusal, WireFormat
-from pretouch_sensor_gateway.wire_formats.recognition import AUTO, FORMATS, ROUND, format_named
+from pretouch_sensor_gateway.wire_formats.parser import OK, DeviceMessage, Identity, Measurement, Parser, Refusal
+from pretouch_sensor_gateway.wire_formats.registry import PARSERS
 
 from fuzz.streams import STREAMS
 
@@ -24,7 +24,7 @@ SEPARATOR = b"\xff\xfe"
 """Between the bodies of a `framed` input."""
 
 _MAX_PIECES = 200
-_MAX_HELD = {AUTO: ROUND + MAX_FRAME + MAX_LINE, "binary": MAX_FRAME}
+_MAX_HELD = {AUTO: MAX_UNDETECTED + MAX_FRAME + MAX_LINE, "binary": MAX_FRAME}
 
 
 def check_input(raw: bytes) -> None:
@@ -48,9 +48,9 @@ def check(name: str, data: bytes, step: int) -> None:
     Raises:
         AssertionError: an invariant does not hold.
     """
-    whole, pieces = format_named(name), format_named(name)
+    whole, pieces = create_parser(name), create_parser(name)
     received = whole.feed(data)
-    in_pieces: list[Received] = []
+    in_pieces: list[DeviceMessage] = []
     step = max(step, len(data) // _MAX_PIECES)
     for start in range(0, len(data), step):
         in_pieces += pieces.feed(data[start : start + step])
@@ -60,60 +60,60 @@ def check(name: str, data: bytes, step: int) -> None:
     for message in received:
         _check_values(message, whole)
     if name == AUTO:
-        _check_recognition(data)
+        _check_detection(data)
     else:
         assert len(received) + whole.refused.total() == _ended(name, data), "it loses count"
     _check_recovery(whole, data)
 
 
-def _check_values(message: Received, wire_format: WireFormat) -> None:
+def _check_values(message: DeviceMessage, parser: Parser) -> None:
     """A message holds only values that its type promises."""
     if isinstance(message, Identity):
         assert message.firmware == "" or message.firmware.isprintable()
         assert len(message.firmware) <= MAX_FIRMWARE
     if not isinstance(message, Measurement):
-        assert wire_format.two_way
+        assert parser.two_way
         return
     assert 1 <= len(message.ranges) == len(message.status) <= MAX_MODULES
     assert all(0 <= status <= 255 for status in message.status)
     assert message.sequence is None or 0 <= message.sequence < COUNTER_MODULUS
-    assert (message.micros is None) == (wire_format.tick_modulus is None)
-    assert message.micros is None or 0 <= message.micros < (wire_format.tick_modulus or 0)
+    assert (message.micros is None) == (parser.tick_modulus is None)
+    assert message.micros is None or 0 <= message.micros < (parser.tick_modulus or 0)
     for metres, status in zip(message.ranges, message.status, strict=True):
         assert math.isnan(metres) or 0 <= metres <= 6.5535
-        assert wire_format.two_way or metres > 0 or status != OK, "a good status without a range"
+        assert parser.two_way or metres > 0 or status != OK, "a good status without a range"
 
 
-def _check_recognition(data: bytes) -> None:
+def _check_detection(data: bytes) -> None:
     """Once recognised, all of the round comes out as the format alone would give it; before, all is counted."""
-    recognition = format_named(AUTO)
+    parser = create_parser(AUTO)
     given_up: Counter[Refusal] = Counter()
-    for start in range(0, len(data), ROUND):
-        block = data[start : start + ROUND]
-        received = recognition.feed(block)
-        if recognition.name:
-            alone = KNOWN[recognition.name]()
-            received += recognition.feed(data[start + ROUND :])
+    for start in range(0, len(data), MAX_UNDETECTED):
+        block = data[start : start + MAX_UNDETECTED]
+        received = parser.feed(block)
+        if parser.name:
+            alone = PARSERS[parser.name]()
+            received += parser.feed(data[start + MAX_UNDETECTED :])
             assert _told(received) == _told(alone.feed(data[start:])), "it lost something"
-            assert recognition.refused == given_up + alone.refused, "it loses count"
+            assert parser.refused == given_up + alone.refused, "it loses count"
             return
-        assert (received, recognition.two_way, recognition.tick_modulus) == ([], False, None)
-        if len(block) == ROUND:
+        assert (received, parser.two_way, parser.tick_modulus) == ([], False, None)
+        if len(block) == MAX_UNDETECTED:
             given_up[Refusal.ENCODING] += _pieces(re.split(rb"[\0\r\n]", block))
-        assert recognition.refused == given_up, "it loses count"
+        assert parser.refused == given_up, "it loses count"
 
 
-def _check_recovery(wire_format: WireFormat, data: bytes) -> None:
+def _check_recovery(parser: Parser, data: bytes) -> None:
     """A good stream is read after anything, and after a cut as if nothing had come before."""
-    told = STREAMS.get(wire_format.name)
+    told = STREAMS.get(parser.name)
     if told:
         stream = told[len(data) % len(told)]
-        assert _told(wire_format.feed(b"\0\n" + stream))[-1] == _ALONE[stream][-1], "it does not recover"
-    wire_format.restart()
-    assert _held(wire_format) == 0, "it keeps something over a cut"
+        assert _told(parser.feed(b"\0\n" + stream))[-1] == _ALONE[stream][-1], "it does not recover"
+    parser.restart()
+    assert _held(parser) == 0, "it keeps something over a cut"
     after = told or list(_ALONE)
     stream = after[len(data) % len(after)]
-    assert _told(wire_format.feed(stream)) == _ALONE[stream], "it hears what came before a cut"
+    assert _told(parser.feed(stream)) == _ALONE[stream], "it hears what came before a cut"
 
 
 def _ended(name: str, data: bytes) -> int:
@@ -127,11 +127,11 @@ def _pieces(pieces: Iterable[bytes]) -> int:
     return sum(bool(piece.strip(BLANK)) for piece in pieces)
 
 
-def _told(received: Iterable[Received]) -> list[str]:
+def _told(received: Iterable[DeviceMessage]) -> list[str]:
     return [repr(message) for message in received]  # NaN does not equal itself
 
 
-_ALONE = {stream: _told(KNOWN[name]().feed(stream)) for name, streams in STREAMS.items() for stream in streams}
+_ALONE = {stream: _told(PARSERS[name]().feed(stream)) for name, streams in STREAMS.items() for stream in streams}
 """What each good stream says when nothing comes before it."""
 
 

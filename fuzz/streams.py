@@ -6,7 +6,7 @@ import math
 
 from pretouch_sensor_gateway.wire_formats.binary import encode
 from pretouch_sensor_gateway.wire_formats.messages import MAX_MODULES, Message
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
 
 _LINES = 14
 MESSAGES: tuple[Message, ...] = (
@@ -38,4 +38,4 @@ STREAMS: dict[str, list[bytes]] = {
     ],
     "stm32duino": [_lines("[00:00:0{s}.{k:03d}, {k:05d}]      {mm} [0]            1838 [4]            \r\n")],
 }
-"""Streams of each format that some `WireFormat` reads from the first line end on."""
+"""Streams of each format that some `Parser` reads from the first line end on."""

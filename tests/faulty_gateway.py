@@ -14,7 +14,7 @@ import grpc.aio
 import structlog.testing
 from faulty_listener import Listener
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
-from pretouch_sensor_gateway.service import serving
+from pretouch_sensor_gateway.service import serve
 
 from pretouch.channel import open_channel
 from pretouch.serving import Settings, started
@@ -73,7 +73,7 @@ async def gateway(port: Path | GatewaySetting, device: str = "") -> AsyncIterato
     with structlog.testing.capture_logs() as log:
         async with (
             asyncio.timeout(TIMEOUT),
-            started("gateway", partial(serving, setting=setting), Settings(grace=1.0)) as service,
+            started("gateway", partial(serve, setting=setting), Settings(grace=1.0)) as service,
             client(service.port, log, device) as clients,
         ):
             yield clients

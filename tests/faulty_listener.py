@@ -42,7 +42,7 @@ class Account:
 
     @property
     def told(self) -> int:
-        """Frames that it knows of."""
+        """Measurements that it knows of."""
         return self.got + self.lost + self.overrun
 
     @property

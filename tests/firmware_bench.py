@@ -14,7 +14,7 @@ from typing import Any, Self
 import pytest
 from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder
 from pretouch_sensor_gateway.wire_formats.messages import Message
-from pretouch_sensor_gateway.wire_formats.received import Measurement
+from pretouch_sensor_gateway.wire_formats.parser import Measurement
 
 FIRMWARE = Path(__file__).parents[1] / "firmware"
 MODULES = 6

@@ -30,11 +30,11 @@ def loop(folder: Path) -> None:
         recorder = started(writer)
         given = 0
         while True:
-            recorder.batch(made_batch(given))
+            recorder.record_batch(made_batch(given))
             given += 1
             while (status := recorder.status()).pending > 200:
                 time.sleep(0.001)
-            print(given, status.frames, status.unrecorded, flush=True)
+            print(given, status.measurements, status.unrecorded, flush=True)
 
 
 async def serve(folder: Path) -> None:
@@ -44,9 +44,9 @@ async def serve(folder: Path) -> None:
     with RecordingWriter(folder, structlog.get_logger()) as writer:
         recorder = started(writer)
         while not end.is_set():
-            recorder.batch(made_batch(given))
+            recorder.record_batch(made_batch(given))
             given += 1
-            if recorder.status().frames and not said:
+            if recorder.status().measurements and not said:
                 said = True
                 print("recording", flush=True)
             await asyncio.sleep(0.001)
@@ -63,7 +63,7 @@ def starve(folder: Path) -> None:
             if now == 60:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
             for _ in range(20):
-                recorder.batch(made_batch(given))
+                recorder.record_batch(made_batch(given))
                 given += 1
             while recorder.status().pending:
                 time.sleep(0.001)
@@ -72,8 +72,8 @@ def starve(folder: Path) -> None:
 
 
 def started(writer: RecordingWriter) -> Recorder:
-    recorder = writer.recorder("left")
-    recorder.configuration(made_configuration(), T0)
+    recorder = writer.create_recorder("left")
+    recorder.record_configuration(made_configuration(), T0)
     recorder.start()
     return recorder
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import structlog
-from pretouch_sensor_gateway.recording.items import Measured
 from pretouch_sensor_gateway.recording.limits import Limits
+from pretouch_sensor_gateway.recording.queue_items import BatchItem
 from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
-from pretouch_sensor_gateway.recording.series import FileSeries
+from pretouch_sensor_gateway.recording.rotating_files import RotatingFiles
 
 from pretouch.geometry import Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb
@@ -38,8 +38,8 @@ def made_batch(first: int, frames: int = 1, modules: int = MODULES, rate: float 
     )
 
 
-def measured(first: int, frames: int = 1) -> Measured:
-    return Measured(made_batch(first, frames), frames)
+def measured(first: int, frames: int = 1) -> BatchItem:
+    return BatchItem(made_batch(first, frames), frames)
 
 
 def made_configuration(modules: int = MODULES) -> pb.DeviceConfiguration:
@@ -48,8 +48,8 @@ def made_configuration(modules: int = MODULES) -> pb.DeviceConfiguration:
     return pb.DeviceConfiguration(tip_t_module=map(pose_to_proto, poses), recording=True)
 
 
-def series_in(root: Path, limits: Limits | None = None, device: str = "left") -> FileSeries:
-    return FileSeries(root, device, limits or Limits(), structlog.get_logger())
+def series_in(root: Path, limits: Limits | None = None, device: str = "left") -> RotatingFiles:
+    return RotatingFiles(root, device, limits or Limits(), structlog.get_logger())
 
 
 def files_in(root: Path, device: str = "left") -> list[Path]:

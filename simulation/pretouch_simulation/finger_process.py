@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder, encode
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, Identify, Ping
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array

@@ -12,7 +12,7 @@ import pytest
 from firmware_bench import MODULES, Bench, make, need, sanitizers
 from pretouch_sensor_gateway.wire_formats.binary import encode
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, Identify, Ping
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
 
 PERIOD = 30_000
 NO_ANSWER = 255

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder, encode
 from pretouch_sensor_gateway.wire_formats.messages import Identify, Ping
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
 
 Codec = Callable[[str], str]
 

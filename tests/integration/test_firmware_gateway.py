@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from firmware_bench import MODULES, Bench, make, need
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
-from pretouch_sensor_gateway.service import serving
+from pretouch_sensor_gateway.service import serve
 
 from pretouch.channel import open_channel
 from pretouch.geometry import Pose
@@ -51,7 +51,7 @@ async def test_six_modules_stream_one_is_unplugged_and_the_board_restarts(bench:
     setting = GatewaySetting((DeviceSetting("finger", str(bench.port), tip_T_module=modules),))
     async with (
         asyncio.timeout(TIMEOUT),
-        started("gateway", partial(serving, setting=setting), Settings(grace=1.0)) as service,
+        started("gateway", partial(serve, setting=setting), Settings(grace=1.0)) as service,
         open_channel(f"127.0.0.1:{service.port}") as channel,
     ):
         stub = SensorGatewayServiceStub(channel)

@@ -10,7 +10,7 @@ import serial
 from firmware_bench import MODULES, Bench, make, need, sanitizers
 from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder, encode
 from pretouch_sensor_gateway.wire_formats.messages import Identify, Message, Ping
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
 
 BAUD = 115200
 TIMEOUT = 60.0  # of each read: only a hang takes so long

@@ -15,10 +15,10 @@ import pytest
 import typer
 from plate_gateway import SERIAL, PlateGateway
 from pretouch_sensor_gateway.calibration import picture
-from pretouch_sensor_gateway.calibration.command import calibrate
 from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, ModuleCalibration
-from pretouch_sensor_gateway.calibration.wire import calibration_from_proto
+from pretouch_sensor_gateway.calibration.proto_conversion import calibration_from_proto
+from pretouch_sensor_gateway.command.calibrate import calibrate
 from processes import free_port
 
 from pretouch.errors import InvalidInput, NotFound, PretouchError, Unavailable
@@ -237,7 +237,7 @@ def test_what_interrupts_the_device_costs_one_distance_only(bench: Bench) -> Non
     assert code == 0
     assert "The gateway is shutting down" in told
     assert told.count("can be repeated") == 1
-    assert told.count("started anew") == 1
+    assert told.count("restarted") == 1
     assert "1 modules now, 2 before" in told
     assert load(bench.out)[1] is not None
 
@@ -276,10 +276,10 @@ def test_nothing_measured_is_refused(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--distances", ""], "are none"),
-        (["--distances", "20,thirty"], "are none"),
-        (["--distances", "20,-30"], "are none"),
-        (["--distances", "nan"], "are none"),
+        (["--distances", ""], "are not valid"),
+        (["--distances", "20,thirty"], "are not valid"),
+        (["--distances", "20,-30"], "are not valid"),
+        (["--distances", "nan"], "are not valid"),
         (["--distances", "20,20.0"], "names one twice"),
         (["--report", "a.gif"], r"no \.png"),
         (["--out", "none/c.json"], "cannot be written"),

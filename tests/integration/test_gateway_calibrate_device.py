@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from pretouch_sensor_gateway.calibration.command import calibrate
 from pretouch_sensor_gateway.calibration.file import load
-from pretouch_sensor_gateway.local import DEVICE, local_gateway
+from pretouch_sensor_gateway.command.calibrate import calibrate
+from pretouch_sensor_gateway.command.local_gateway import DEVICE, run_local_gateway
 from pretouch_simulation.finger_link import FingerProcess
 
 from pretouch.channel import open_sync_channel
@@ -73,7 +73,7 @@ def run(finger: FingerProcess, folder: Path, monkeypatch: pytest.MonkeyPatch, *o
 def test_ranges_are_distances_once_it_is_applied(
     finger: FingerProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with local_gateway(finger.port) as address, open_sync_channel(address) as channel:
+    with run_local_gateway(finger.port) as address, open_sync_channel(address) as channel:
         run(finger, tmp_path, monkeypatch, "--gateway", address, "--apply")
         calibration, record = load(tmp_path / "c.json")
         assert record is not None

@@ -9,7 +9,7 @@ from faulty_board import FIRST_SERIAL, OTHER_SERIAL, PAUSE, Board
 from faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.calibration import file
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
-from pretouch_sensor_gateway.configuration import VARIABLE, GatewaySetting, gateway_from
+from pretouch_sensor_gateway.configuration import VARIABLE, GatewaySetting, load_configuration
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
@@ -94,7 +94,7 @@ def pinned(folder: Path, port: Path, serial: str) -> GatewaySetting:
     (folder / "gateway.toml").write_text(
         f'[devices.finger]\naddress = "{port}"\ncalibration = "finger.json"\nformat = "binary"\n'
     )
-    return gateway_from({VARIABLE: str(folder / "gateway.toml")})
+    return load_configuration({VARIABLE: str(folder / "gateway.toml")})
 
 
 async def test_a_board_that_is_not_the_calibrated_one_is_refused_until_that_is_back(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from faulty_board import PAUSE, Board, whole
 from faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.transport import link
-from virtual_finger import flipped
 
+from benchmarks.virtual_finger import flipped
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
 ONE_BOOT = {0: 1}
@@ -238,7 +238,7 @@ async def test_a_device_that_stalls_is_silent_and_then_goes_on(tmp_path: Path) -
         await listener.until(lambda: listener.got == 20)
         board.answers = False
         silent = await clients.until(lambda status: status.device.state == pb.DEVICE_STATE_SILENT)
-        assert silent.device.problem == "The port is open but nothing comes that ends a frame."
+        assert silent.device.problem == "The port is open, but no complete frame or line arrives."
         board.answers = True
         await board.bursts(4)
         await listener.until(lambda: listener.got == board.made)

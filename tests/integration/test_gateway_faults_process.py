@@ -20,7 +20,7 @@ from processes import Service, free_port
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
 WAITING = 200
-"""Frames that may wait for the disk at any moment, at most: a fifth of a second."""
+"""Measurements that may wait for the disk at any moment, at most: a fifth of a second."""
 GRACE = 1.0
 
 

@@ -11,7 +11,7 @@ from faulty_board import Board
 from faulty_gateway import Gateway, client, gateway, small_window, unix_offset
 from faulty_listener import Account, Listener
 from links import eventually
-from pretouch_sensor_gateway.subscription import QUEUE_FRAMES
+from pretouch_sensor_gateway.subscription_queue import QUEUE_MEASUREMENTS
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
@@ -32,7 +32,7 @@ async def test_one_that_stops_reading_is_told_its_losses_and_another_loses_nothi
         await slow.until(lambda: slow.got == 10)
         slow.reads.clear()
         overrun = 0
-        while overrun < QUEUE_FRAMES:
+        while overrun < QUEUE_MEASUREMENTS:
             await board.bursts(10, frames=10)
             overrun = (await clients.status()).overrun
         slow.reads.set()
@@ -42,7 +42,7 @@ async def test_one_that_stops_reading_is_told_its_losses_and_another_loses_nothi
         status = await clients.status()
     assert (quick.lost, quick.overrun) == (0, 0)
     assert slow.lost == 0
-    assert status.overrun == slow.overrun >= QUEUE_FRAMES
+    assert status.overrun == slow.overrun >= QUEUE_MEASUREMENTS
     assert slow.got + slow.overrun == board.made
     assert quick.sequence() == list(range(board.made))
     for listener in (quick, slow):
@@ -62,7 +62,7 @@ async def test_losses_on_the_line_and_in_the_queue_are_each_told_once(tmp_path: 
         await board.bursts(2)
         await slow.until(lambda: slow.got == 10)
         slow.reads.clear()
-        while (await clients.status()).overrun < QUEUE_FRAMES:
+        while (await clients.status()).overrun < QUEUE_MEASUREMENTS:
             for _ in range(10):
                 board.measure(1, heard=False)
                 await board.bursts(1, frames=9)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import serial
 import structlog
-from pretouch_sensor_gateway.batch import Batch
+from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.serial_source import SerialSource
-from pretouch_sensor_gateway.wire_formats.binary import BinaryFormat
+from pretouch_sensor_gateway.wire_formats.binary import BinaryParser
 from pretouch_simulation.finger_link import FingerProcess
 from pretouch_simulation.world import World
 
@@ -85,17 +85,17 @@ async def test_it_measures_a_world_and_keeps_up_with_200_hz(sensor: str, tmp_pat
     down = Pose.from_rotation_vector([math.pi, 0, 0], [0, 0, 0.05]).matrix
     still = Trajectory(np.array([0.0, 1.0]), np.stack([down, down]))
     with FingerProcess.in_world(tmp_path / "world.npz", sensor, seed=1, rate=200.0) as finger:
-        batches: list[Batch] = []
+        batches: list[RangeBatch] = []
         start = time.time() + 0.2
         all_heard = asyncio.Event()
 
-        def deliver(batch: Batch) -> None:
+        def deliver(batch: RangeBatch) -> None:
             batches.append(batch)
             if batch.t[-1] >= start + 1.1:
                 all_heard.set()
 
         source = SerialSource(
-            finger.port, BinaryFormat(), 115_200, None, deliver, lambda text: None, structlog.get_logger()
+            finger.port, BinaryParser(), 115_200, None, deliver, lambda text: None, structlog.get_logger()
         )
         running = asyncio.create_task(source.run())
         finger.play(still, start)

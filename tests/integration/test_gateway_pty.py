@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from grpc.aio import AioRpcError
 from hand_finger import HandFinger
-from pretouch_sensor_gateway.batch import Batch
 from pretouch_sensor_gateway.configuration import VARIABLE
 from pretouch_sensor_gateway.device import Device
+from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.service import running
-from pretouch_sensor_gateway.subscription import QUEUE_FRAMES, Delivery
+from pretouch_sensor_gateway.subscription_queue import QUEUE_MEASUREMENTS
 from pretouch_simulation.finger_link import FingerProcess
 
 from pretouch.channel import open_channel
@@ -228,9 +228,9 @@ async def test_a_slow_subscriber_is_told_its_losses(monkeypatch: pytest.MonkeyPa
         init(self, *args)
         devices.append(self)
 
-    def measured(sequence: int) -> Delivery:
+    def measured(sequence: int) -> RangeBatch:
         row, codes = np.full((1, 6), 0.03), np.zeros((1, 6), dtype=np.uint8)
-        return Delivery(Batch(np.ones(1), 0.001, np.array([sequence], dtype=np.uint32), 0, row, row, codes, codes, 0))
+        return RangeBatch(np.ones(1), 0.001, np.array([sequence], dtype=np.uint32), 0, row, row, codes, codes, 0)
 
     monkeypatch.setattr(Device, "__init__", noted)
     async with gateway(monkeypatch, finger="/dev/absent") as (stub, _):
@@ -240,7 +240,7 @@ async def test_a_slow_subscriber_is_told_its_losses(monkeypatch: pytest.MonkeyPa
         total = 60_000
         for sequence in range(total):
             device.deliver(measured(sequence))
-            if sequence % (4 * QUEUE_FRAMES) == 0:  # more than a queue holds come before anybody can take them
+            if sequence % (4 * QUEUE_MEASUREMENTS) == 0:  # more than a queue holds come before anybody can take them
                 await asyncio.sleep(0)
         got = overrun = 0
         while got + overrun < total:
@@ -337,8 +337,8 @@ async def test_what_cannot_be_answered_is_refused_with_a_remedy(
         now = time.time()
         for call, said in (
             (stub.StreamRanges(pb.StreamRangesRequest()).read(), "2 devices"),
-            (stub.GetSamples(pb.GetSamplesRequest(device="left", to=1.0, **{"from": 2.0})), "none"),
-            (stub.GetSamples(pb.GetSamplesRequest(device="left", to=math.nan)), "none"),
+            (stub.GetSamples(pb.GetSamplesRequest(device="left", to=1.0, **{"from": 2.0})), "not valid"),
+            (stub.GetSamples(pb.GetSamplesRequest(device="left", to=math.nan)), "not valid"),
             (points(), "without a message"),
             (
                 points(pb.StreamPointsRequest(device="left", tip_poses=[pb.TipPose(t=3.0, base_t_tip=here)])),

@@ -60,7 +60,7 @@ def test_sigterm_finishes_the_file(tmp_path: Path) -> None:
     list(reader)
     assert (reader.complete, reader.torn_bytes) == (True, 0)
     assert sequence_in(path) == list(range(status["given"]))
-    assert (status["frames"], status["unrecorded"], status["pending"]) == (status["given"], 0, 0)
+    assert (status["measurements"], status["unrecorded"], status["pending"]) == (status["given"], 0, 0)
 
 
 def test_a_limit_on_the_size_of_files_pauses_and_recording_goes_on_without_it(tmp_path: Path) -> None:
@@ -68,14 +68,14 @@ def test_a_limit_on_the_size_of_files_pauses_and_recording_goes_on_without_it(tm
         said, errors = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 0, errors
     status = json.loads(said)
-    assert status["given"] == status["frames"] + status["unrecorded"] == 2000
-    assert 800 <= status["frames"] < 2000
+    assert status["given"] == status["measurements"] + status["unrecorded"] == 2000
+    assert 800 <= status["measurements"] < 2000
     assert any("File too large" in problem for problem in status["problems"])
     assert status["problems"][-1] == ""
     paths = files_in(tmp_path)
     found = [number for path in paths for number in sequence_in(path)]
     assert found == sorted(set(found))
-    assert len(found) == status["frames"]
+    assert len(found) == status["measurements"]
     assert found[-1] == 1999
     assert errors.count("recording is paused") == errors.count("recording goes on") > 0
     readers = [RecordingReader(path) for path in paths]

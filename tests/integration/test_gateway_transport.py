@@ -285,7 +285,7 @@ def test_closing_drops_what_the_device_has_not_taken_for_the_driver_would_wait_f
             super().close()
 
     monkeypatch.setattr(serial, "Serial", Noting)
-    port_module.close_port(port_module.open_port(PathAddress(str(pty.path)), link_module.BAUD))
+    port_module.close_port(port_module.open_port(PathAddress(str(pty.path)), link_module.DEFAULT_BAUD))
     assert calls == ["drop", "close"]
 
 
@@ -334,7 +334,7 @@ async def test_a_device_that_never_stops_sending_leaves_the_others_their_turn() 
 
 
 async def test_an_empty_port_is_not_taken_for_one_that_hung_up(pty: Pty) -> None:
-    port = port_module.open_port(PathAddress(str(pty.path)), link_module.BAUD)
+    port = port_module.open_port(PathAddress(str(pty.path)), link_module.DEFAULT_BAUD)
     with pytest.raises(BlockingIOError):
         os.read(port.fileno(), 1)
     port_module.close_port(port)

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gateway_recordings import files_in, measured, series_in
-from pretouch_sensor_gateway import local
-from pretouch_sensor_gateway.local import DEVICE, local_gateway
-from pretouch_sensor_gateway.recording.items import Stopped
+from pretouch_sensor_gateway.command import local_gateway
+from pretouch_sensor_gateway.command.local_gateway import DEVICE, run_local_gateway
+from pretouch_sensor_gateway.recording.queue_items import StopItem
 from pretouch_simulation.finger_link import FingerProcess
 from processes import Service, free_port
 from terminals import Terminal
@@ -88,7 +88,7 @@ def test_a_port_that_is_not_there_is_told_and_waited_for(tmp_path: Path, finger:
 
 
 def test_a_recording_is_watched_as_if_it_were_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    series_in(tmp_path).write([*map(measured, range(3000)), Stopped()], 0.0)
+    series_in(tmp_path).write([*map(measured, range(3000)), StopItem()], 0.0)
     (recording,) = files_in(tmp_path)
     monkeypatch.chdir(recording.parent)
     with Terminal("gateway", "watch", "--port", f"replay:{recording.name}") as terminal:
@@ -103,7 +103,7 @@ def test_a_local_gateway_serves_its_device_and_ends_with_the_block(
     finger: FingerProcess, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PRETOUCH_TOKEN", "of another gateway")
-    with local_gateway(finger.port) as address:
+    with run_local_gateway(finger.port) as address:
         assert address.startswith("127.0.0.1:")
         with open_sync_channel(address) as channel:
             stub = SensorGatewayServiceStub(channel)
@@ -123,7 +123,7 @@ def test_a_local_gateway_ends_when_the_program_fails(finger: FingerProcess) -> N
 
     def fail() -> None:
         nonlocal where
-        with local_gateway(finger.port) as where:
+        with run_local_gateway(finger.port) as where:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -134,8 +134,8 @@ def test_a_local_gateway_ends_when_the_program_fails(finger: FingerProcess) -> N
 
 
 def test_a_local_gateway_that_does_not_start_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(local, "_GATEWAY", (sys.executable, "-c", "raise SystemExit('There is no room.')"))
-    with pytest.raises(Unavailable, match="There is no room"), local_gateway("/dev/ttyUSB0"):
+    monkeypatch.setattr(local_gateway, "_GATEWAY", (sys.executable, "-c", "raise SystemExit('There is no room.')"))
+    with pytest.raises(Unavailable, match="There is no room"), run_local_gateway("/dev/ttyUSB0"):
         pass
 
 
@@ -148,8 +148,8 @@ print('{"event": "ready", "host": "127.0.0.1", "port": 7, "level": "info"}', fil
 print('{"event": "defect", "level": "error"}', file=sys.stderr, flush=True)
 sys.stdin.read()
 """
-    monkeypatch.setattr(local, "_GATEWAY", (sys.executable, "-c", script))
-    with local_gateway("/dev/ttyUSB0") as address:
+    monkeypatch.setattr(local_gateway, "_GATEWAY", (sys.executable, "-c", script))
+    with run_local_gateway("/dev/ttyUSB0") as address:
         assert address == "127.0.0.1:7"
         assert capsys.readouterr().err == ""
     assert capsys.readouterr().err == '{"event": "defect", "level": "error"}\n'
@@ -164,5 +164,5 @@ sys.stdin.read()
     ],
 )
 def test_what_cannot_be_is_refused(arguments: tuple[str | int, ...], told: str) -> None:
-    with pytest.raises(InvalidInput, match=told), local_gateway(*arguments):  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match=told), run_local_gateway(*arguments):  # type: ignore[arg-type]
         pass

@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.calibration.file import MAX_BYTES, load, save
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
-from pretouch_sensor_gateway.calibration.record import ModuleFit, Point, Record, StandardErrors
+from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit, Point, StandardErrors
 
 from pretouch.errors import InvalidInput, Malformed
 
 MODULES = (ModuleCalibration(0.0031, 1.012, 4.5, 0.0008, 0.011), ModuleCalibration())
 CALIBRATION = Calibration("0102030405060708", 60.0, MODULES)
-RECORD = Record(
+RECORD = CalibrationRecord(
     "2025-01-31T12:00:00+00:00",
     "left",
     (
@@ -52,7 +52,7 @@ def refused(path: Path, content: str | bytes | dict[str, Any]) -> InvalidInput:
 
 
 @pytest.mark.parametrize("record", [None, RECORD])
-def test_what_was_saved_is_loaded(tmp_path: Path, record: Record | None) -> None:
+def test_what_was_saved_is_loaded(tmp_path: Path, record: CalibrationRecord | None) -> None:
     save(tmp_path / "c.json", CALIBRATION, record)
     assert load(tmp_path / "c.json") == (CALIBRATION, record)
     assert [path.name for path in tmp_path.iterdir()] == ["c.json"]

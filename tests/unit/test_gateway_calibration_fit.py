@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pretouch_sensor_gateway.calibration.fit import PLACEMENT_STD, fit
+from pretouch_sensor_gateway.calibration.fit import PLACEMENT_STD, fit_module
 from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, ModuleCalibration
-from pretouch_sensor_gateway.calibration.motion import motion
-from pretouch_sensor_gateway.calibration.readings import cleaned, returns, step_of
+from pretouch_sensor_gateway.calibration.motion_check import describe_motion
+from pretouch_sensor_gateway.calibration.readings import find_step, reject_outliers, split_by_module
 from pretouch_sensor_gateway.calibration.record import ModuleFit
 from pretouch_sensor_gateway.calibration.table import remarks
 
@@ -48,7 +48,7 @@ def readings_of(
 def test_parameters_come_back_within_their_standard_errors(true: ModuleCalibration, step: float) -> None:
     z = []
     for seed in range(30):
-        found = fit(readings_of(true, seed, step=step))
+        found = fit_module(readings_of(true, seed, step=step))
         assert not found.problem
         assert found.step == pytest.approx(step)
         errors = found.errors
@@ -69,13 +69,13 @@ def test_parameters_come_back_within_their_standard_errors(true: ModuleCalibrati
 
 
 def test_crosstalk_is_exactly_none_unless_it_is_significant() -> None:
-    found = [fit(readings_of(PLAIN, seed)).calibration.crosstalk for seed in range(60)]
+    found = [fit_module(readings_of(PLAIN, seed)).calibration.crosstalk for seed in range(60)]
     assert sum(crosstalk == 0.0 for crosstalk in found) >= 54  # two standard errors, one side
-    assert all(fit(readings_of(GLASS, seed)).calibration.crosstalk > 8 for seed in range(20))
+    assert all(fit_module(readings_of(GLASS, seed)).calibration.crosstalk > 8 for seed in range(20))
 
 
 def test_calibrated_readings_are_distances() -> None:
-    found = fit(readings_of(GLASS, 3, placement=0.0))
+    found = fit_module(readings_of(GLASS, 3, placement=0.0))
     for point in found.points:
         assert abs(point.residual) < 0.001
         assert abs(point.mean - point.distance) > 0.01
@@ -85,7 +85,7 @@ def test_calibrated_readings_are_distances() -> None:
 
 @pytest.mark.parametrize("share", [0.02, 0.2])
 def test_outliers_of_good_status_are_counted_and_do_not_matter(share: float) -> None:
-    clean, spoilt = (fit(readings_of(PLAIN, 5, outliers=part)) for part in (0.0, share))
+    clean, spoilt = (fit_module(readings_of(PLAIN, 5, outliers=part)) for part in (0.0, share))
     count = sum(len(point.outliers) for point in spoilt.points)
     assert sum(point.samples for point in spoilt.points) + count == 60 * len(DISTANCES)
     assert 0.5 * share < count / (60 * len(DISTANCES)) < 2 * share
@@ -97,7 +97,7 @@ def test_outliers_of_good_status_are_counted_and_do_not_matter(share: float) -> 
 
 def test_noise_is_never_taken_for_less_than_rounding_makes() -> None:
     quiet = ModuleCalibration(0.003, 1.0, 0.0, 0.00005, 0.0)
-    coarse, fine = (fit(readings_of(quiet, 1, step=step)) for step in (0.001, 0.0001))
+    coarse, fine = (fit_module(readings_of(quiet, 1, step=step)) for step in (0.001, 0.0001))
     assert coarse.calibration.std >= 0.001 / np.sqrt(12)
     assert 0.0001 / np.sqrt(12) <= fine.calibration.std < 0.0001
 
@@ -106,13 +106,13 @@ def test_rounding_that_no_noise_averages_out_makes_errors_larger() -> None:
     quiet = ModuleCalibration(0.0034, 1.01, 0.0, 0.00002, 0.0)
     off = []
     for seed in range(20):
-        found = fit(readings_of(quiet, seed, step=0.001, distances=DISTANCES + 0.0001 * seed, placement=0.0))
+        found = fit_module(readings_of(quiet, seed, step=0.001, distances=DISTANCES + 0.0001 * seed, placement=0.0))
         off.append((found.calibration.offset - quiet.offset) / found.errors.offset)
     assert np.sqrt(np.mean(np.square(off))) < 1.5
 
 
 def test_readings_without_any_noise_fit_too() -> None:
-    found = fit({float(r): np.full(20, 0.004 + r) for r in DISTANCES})
+    found = fit_module({float(r): np.full(20, 0.004 + r) for r in DISTANCES})
     assert found.calibration.offset == pytest.approx(0.004, abs=1e-6)
     assert found.calibration.scale == pytest.approx(1.0, abs=1e-5)
     assert found.calibration.crosstalk == 0
@@ -122,7 +122,7 @@ def test_readings_without_any_noise_fit_too() -> None:
 def test_a_plate_that_stood_elsewhere_makes_the_errors_larger_and_is_named() -> None:
     good, bad = readings_of(PLAIN, 2), readings_of(PLAIN, 2)
     bad[0.06] = bad[0.06] + 0.008
-    right, wrong = fit(good), fit(bad)
+    right, wrong = fit_module(good), fit_module(bad)
     assert wrong.errors.offset > 3 * right.errors.offset
     assert wrong.calibration.crosstalk == 0
     assert not remarks([right])
@@ -131,10 +131,10 @@ def test_a_plate_that_stood_elsewhere_makes_the_errors_larger_and_is_named() -> 
 
 
 def test_two_distances_tell_no_crosstalk_and_one_no_scale() -> None:
-    two = fit(readings_of(GLASS, 1, distances=DISTANCES[[1, 6]]))
+    two = fit_module(readings_of(GLASS, 1, distances=DISTANCES[[1, 6]]))
     assert two.calibration.crosstalk == two.errors.crosstalk == 0
     assert two.errors.scale > 0
-    one = fit(readings_of(PLAIN, 1, distances=DISTANCES[[1]]))
+    one = fit_module(readings_of(PLAIN, 1, distances=DISTANCES[[1]]))
     assert (one.calibration.scale, one.errors.scale, one.calibration.std_slope) == (1.0, 0.0, 0.0)
     assert one.calibration.offset == pytest.approx(0.003 + 0.02 * 0.02, abs=4 * one.errors.offset)
     assert "two distances tell offset and scale alone" in remarks([two])[0]
@@ -154,7 +154,7 @@ def test_two_distances_tell_no_crosstalk_and_one_no_scale() -> None:
     ids=["nothing", "empty", "units", "steep", "far", "blind"],
 )
 def test_a_module_that_makes_no_sense_stays_uncalibrated_and_says_why(readings: dict[float, Array], said: str) -> None:
-    found = fit(readings)
+    found = fit_module(readings)
     assert said in found.problem
     assert found.calibration == UNCALIBRATED
     assert said in remarks([ModuleFit(), found])[-1]
@@ -163,22 +163,22 @@ def test_a_module_that_makes_no_sense_stays_uncalibrated_and_says_why(readings: 
 def test_steps_are_seen_where_all_readings_share_one() -> None:
     rng = np.random.default_rng(0)
     whole = rng.integers(15, 200, 50) * 0.002
-    assert step_of([whole]) == pytest.approx(0.002)
-    assert step_of([whole, np.array([0.0301])]) == pytest.approx(0.0001)
-    assert step_of([rng.uniform(0, 0.2, 50)]) == 0
-    assert step_of([np.full(9, 0.03)]) == 0
+    assert find_step([whole]) == pytest.approx(0.002)
+    assert find_step([whole, np.array([0.0301])]) == pytest.approx(0.0001)
+    assert find_step([rng.uniform(0, 0.2, 50)]) == 0
+    assert find_step([np.full(9, 0.03)]) == 0
 
 
 def test_readings_that_nearly_all_agree_make_no_outlier_of_the_next_step() -> None:
-    point = cleaned(0.02, np.array([0.02] * 55 + [0.021] * 5), 0.001)
+    point = reject_outliers(0.02, np.array([0.02] * 55 + [0.021] * 5), 0.001)
     assert (point.samples, point.outliers) == (60, ())
 
 
 def test_a_module_that_hardly_answers_is_not_used() -> None:
     raw = np.full((60, 3), 0.02)
     raw[15:, 1], raw[14:, 2] = np.nan, np.nan
-    assert [len(column) for column in returns(raw)] == [60, 15, 0]
-    assert [len(column) for column in returns(raw[:12])] == [12, 12, 12]
+    assert [len(column) for column in split_by_module(raw)] == [60, 15, 0]
+    assert [len(column) for column in split_by_module(raw[:12])] == [12, 12, 12]
 
 
 def test_a_plate_at_rest_is_hardly_ever_doubted() -> None:
@@ -186,7 +186,7 @@ def test_a_plate_at_rest_is_hardly_ever_doubted() -> None:
     for _ in range(1000):
         readings = 0.05 + 0.002 * rng.standard_normal(60)
         readings[rng.uniform(size=60) < 0.03] = 0.18
-        assert motion(np.round(readings, 3), [0.0012, 0.0015]) == ""
+        assert describe_motion(np.round(readings, 3), [0.0012, 0.0015]) == ""
 
 
 def test_a_plate_that_moves_is_noticed() -> None:
@@ -194,8 +194,8 @@ def test_a_plate_that_moves_is_noticed() -> None:
     still = 0.05 + 0.0008 * rng.standard_normal(60)
     slides, jumps = np.linspace(0, 0.004, 60), np.where(np.arange(60) < 30, 0.0, 0.005)
     shaken = 0.005 * np.sin(np.arange(60))
-    assert motion(still, [0.0008]) == ""
-    assert "moved" in motion(still + slides, [])
-    assert "moved by 5." in motion(still + jumps, [])
-    assert motion(still + shaken, []) == ""  # nothing to compare with yet
-    assert "at most 0.8 mm elsewhere" in motion(still + shaken, [0.0008, 0.0007])
+    assert describe_motion(still, [0.0008]) == ""
+    assert "moved" in describe_motion(still + slides, [])
+    assert "moved by 5." in describe_motion(still + jumps, [])
+    assert describe_motion(still + shaken, []) == ""  # nothing to compare with yet
+    assert "at most 0.8 mm elsewhere" in describe_motion(still + shaken, [0.0008, 0.0007])

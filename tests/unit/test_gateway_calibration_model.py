@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, Calibration, ModuleCalibration
-from pretouch_sensor_gateway.calibration.wire import calibration_from_proto, calibration_to_proto
+from pretouch_sensor_gateway.calibration.proto_conversion import calibration_from_proto, calibration_to_proto
 
 from pretouch.errors import InvalidInput, Malformed
 from pretouch.v1 import sensor_gateway_pb2 as pb

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from pretouch_sensor_gateway.calibration.fit import fit
+from pretouch_sensor_gateway.calibration.fit import fit_module
 from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.calibration.picture import write_picture
-from pretouch_sensor_gateway.calibration.record import ModuleFit, Record
+from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit
 
 from pretouch.errors import InvalidInput
 
 
 def drawn(path: Path, *fits: ModuleFit) -> Image.Image:
     calibration = Calibration("0a", 60.0, tuple(fit.calibration for fit in fits))
-    write_picture(path, calibration, Record("2025-01-31T12:00:00+00:00", "left", fits))
+    write_picture(path, calibration, CalibrationRecord("2025-01-31T12:00:00+00:00", "left", fits))
     with Image.open(path) as image:
         return image.convert("RGB")
 
@@ -27,7 +27,7 @@ def module(seed: int, count: int = 5) -> ModuleFit:
     distances = np.linspace(0.02, 0.1, count)
     readings = {float(r): np.round(r + 0.003 + 0.001 * rng.standard_normal(40), 3) for r in distances}
     readings[0.02][3] = 0.15
-    return fit(readings)
+    return fit_module(readings)
 
 
 def coloured(image: Image.Image, colour: tuple[int, int, int]) -> int:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import random
 
 import pytest
-from clock_devices import START, WRAP, Oscillator
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.clock.ticks import MAX_JUMP, TickCounter, signed_difference
+from pretouch_sensor_gateway.clock.tick_unwrapper import MAX_JUMP, TickUnwrapper, signed_difference
 from pretouch_sensor_gateway.clock.wall_clock import WallClock
+
+from benchmarks.clock_devices import START, WRAP, Oscillator
 
 MILLIS_WRAP = 2**32 * 1000
 
@@ -35,7 +36,7 @@ def test_a_difference_is_the_nearest_for_any_modulus(modulus: int, new: int, old
 @settings(max_examples=60)
 def test_seconds_go_on_through_wraps(first: int, modulus: int, steps: list[float], seed: int) -> None:
     rng = random.Random(seed)
-    counter = TickCounter(modulus)
+    counter = TickUnwrapper(modulus)
     elapsed, start = 0, first % modulus
     began = counter.unwrap(start, 0.0)
     for step in steps:
@@ -48,7 +49,7 @@ def test_seconds_go_on_through_wraps(first: int, modulus: int, steps: list[float
 @pytest.mark.parametrize("drift", [50e-6, 5e-3])
 def test_a_month_of_wraps_is_counted(drift: float) -> None:
     device = Oscillator(drift)
-    counter = TickCounter(WRAP)
+    counter = TickUnwrapper(WRAP)
     began = counter.unwrap(device.micros(START), START)
     month = 30 * 86400
     for age in range(60, month + 1, 60):
@@ -59,7 +60,7 @@ def test_a_month_of_wraps_is_counted(drift: float) -> None:
 
 
 def test_a_wrap_during_a_long_silence_is_no_restart() -> None:
-    counter = TickCounter(WRAP)
+    counter = TickUnwrapper(WRAP)
     before = counter.unwrap(WRAP - 1_000_000, 0.0)
     silence = 2.5 * WRAP * 1e-6
     micros = (WRAP - 1_000_000 + round(silence * 1e6)) % WRAP
@@ -69,7 +70,7 @@ def test_a_wrap_during_a_long_silence_is_no_restart() -> None:
 
 @given(st.integers(0, WRAP - 1), st.floats(-60.0, 60.0))
 def test_a_time_that_is_seconds_from_what_is_foretold_does_not_follow(first: int, jump: float) -> None:
-    counter = TickCounter(WRAP)
+    counter = TickUnwrapper(WRAP)
     counter.unwrap(first, 100.0)
     micros = (first + round((1.0 + jump) * 1e6)) % WRAP
     if abs(abs(jump) - MAX_JUMP) > 1e-5:
@@ -80,7 +81,7 @@ def test_a_time_that_is_seconds_from_what_is_foretold_does_not_follow(first: int
 
 
 def test_asking_whether_a_time_follows_changes_nothing() -> None:
-    counter = TickCounter(WRAP)
+    counter = TickUnwrapper(WRAP)
     counter.unwrap(WRAP - 10, 0.0)
     assert not counter.follows(2**31, 0.1)
     assert counter.follows(99_990, 0.1)

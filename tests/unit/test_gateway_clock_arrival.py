@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from clock_devices import START, WRAP, Delay, Oscillator, hiccups, latency_timer, usb
 from numpy.typing import NDArray
 from pretouch_sensor_gateway.clock.arrival_clock import ArrivalClock
-from pretouch_sensor_gateway.clock.ticks import TickCounter
+from pretouch_sensor_gateway.clock.tick_unwrapper import TickUnwrapper
+
+from benchmarks.clock_devices import START, WRAP, Delay, Oscillator, hiccups, latency_timer, usb
 
 PERIOD = 1 / 30
 ON_THE_WIRE = 0.002
@@ -34,7 +35,7 @@ def heard(
         damaged: share of lines with a wrong time.
     """
     rng = np.random.default_rng(7)
-    clock, counter = ArrivalClock(), TickCounter(WRAP)
+    clock, counter = ArrivalClock(), TickUnwrapper(WRAP)
     rows = []
     begin, last, phase = START, 0.0, 0.5
     for number in range(round(seconds / period)):

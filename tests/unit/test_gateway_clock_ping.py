@@ -7,10 +7,11 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from clock_devices import CASES, START, Case, FormerClock, Oscillator, Run, log_normal, pinged, usb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.clock.ping_clock import HostTime, PingClock
+
+from benchmarks.clock_devices import CASES, START, Case, FormerClock, Oscillator, Run, log_normal, pinged, usb
 
 SECONDS = 900.0
 CRYSTALS = [name for name in CASES if name.startswith("crystal")]
@@ -25,7 +26,7 @@ def synchronised(drift: float = 20e-6, pings: int = 60) -> tuple[PingClock, floa
     """A clock after a minute of pings of 1 ms, and the host time of the last."""
     clock = PingClock()
     for k in range(pings):
-        clock.answered(START + k, START + k + 1e-3, (k + 5e-4) * (1 + drift))
+        clock.add_ping(START + k, START + k + 1e-3, (k + 5e-4) * (1 + drift))
     return clock, START + pings - 1
 
 
@@ -104,7 +105,7 @@ def test_what_is_remembered_does_not_grow() -> None:
     try:
         before, _ = tracemalloc.get_traced_memory()
         for k in range(1, 1000):
-            clock.answered(last + k, last + k + 1e-3, (last + k - START + 5e-4) * (1 + 20e-6))
+            clock.add_ping(last + k, last + k + 1e-3, (last + k - START + 5e-4) * (1 + 20e-6))
         after, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -132,7 +133,7 @@ def test_whatever_is_answered_a_time_is_a_number(answers: list[tuple[float, floa
     host = START
     for gap, round_trip, device in answers:
         host += gap
-        clock.answered(host, host + round_trip, device)
+        clock.add_ping(host, host + round_trip, device)
         host += round_trip
         at = found(clock, device)
         assert np.isfinite(at.at)
@@ -149,7 +150,7 @@ def test_no_host_time_before_the_first_answer() -> None:
 
 def test_one_ping_is_worth_its_midpoint() -> None:
     clock = PingClock()
-    clock.answered(100.0, 100.012, 7.0)
+    clock.add_ping(100.0, 100.012, 7.0)
     at = found(clock, 7.0)
     assert at.at == pytest.approx(100.006)
     assert at.std == pytest.approx(0.012 / 12**0.5, rel=1e-2)
@@ -161,7 +162,7 @@ def test_a_hiccup_changes_little() -> None:
     clock, last = synchronised()
     device = (last + 1 - START) * (1 + 20e-6)
     before = found(clock, device)
-    clock.answered(last + 1, last + 1.050, device + 1e-3)  # 49 ms on the way back
+    clock.add_ping(last + 1, last + 1.050, device + 1e-3)  # 49 ms on the way back
     after = found(clock, device)
     assert abs(after.at - before.at) < 0.1e-3
     assert after.std < 1.1 * before.std
@@ -180,12 +181,12 @@ def test_the_deviation_grows_while_no_ping_is_answered() -> None:
 def test_a_wrong_reply_is_ignored_and_counted() -> None:
     clock, last = synchronised()
     before = found(clock, last - START)
-    clock.answered(last + 1, last + 1.001, last + 1 - START + 0.3)
+    clock.add_ping(last + 1, last + 1.001, last + 1 - START + 0.3)
     assert found(clock, last - START) == before
     assert clock.contradictions == 1
     for k in range(2, 30):  # and now and then again
         wrong = 0.2 * (k % 3 == 0)
-        clock.answered(last + k, last + k + 1e-3, (last + k - START + 5e-4) * (1 + 20e-6) + wrong)
+        clock.add_ping(last + k, last + k + 1e-3, (last + k - START + 5e-4) * (1 + 20e-6) + wrong)
     assert clock.contradictions == 10
     at = found(clock, (last + 29.5 - START) * (1 + 20e-6))
     assert at.at == pytest.approx(last + 29.5, abs=2 * at.std)
@@ -195,12 +196,12 @@ def test_a_wrong_reply_is_ignored_and_counted() -> None:
 def test_a_clock_that_stepped_is_followed_after_three_pings(step: float) -> None:
     clock, last = synchronised()
     for k in range(1, 4):
-        clock.answered(last + k, last + k + 1e-3, last + k + 5e-4 - START + step)
+        clock.add_ping(last + k, last + k + 1e-3, last + k + 5e-4 - START + step)
     assert clock.contradictions == 3
     at = found(clock, last + 3.5 - START + step)
     assert at.at == pytest.approx(last + 3.5, abs=2 * at.std)
     for k in range(4, 30):
-        clock.answered(last + k, last + k + 1e-3, last + k + 5e-4 - START + step)
+        clock.add_ping(last + k, last + k + 1e-3, last + k + 5e-4 - START + step)
     assert clock.contradictions == 3
     assert found(clock, last + 30 - START + step).std < 0.5e-3
 
@@ -208,7 +209,7 @@ def test_a_clock_that_stepped_is_followed_after_three_pings(step: float) -> None
 def test_wrong_replies_that_do_not_agree_are_never_followed() -> None:
     clock, last = synchronised()
     for k in range(1, 20):
-        clock.answered(last + k, last + k + 1e-3, last + k - START + (1.0 if k % 2 else -1.0))
+        clock.add_ping(last + k, last + k + 1e-3, last + k - START + (1.0 if k % 2 else -1.0))
     assert clock.contradictions == 19
     at = found(clock, (last + 1 - START) * (1 + 20e-6))
     assert at.at == pytest.approx(last + 1, abs=2 * at.std)
@@ -218,7 +219,7 @@ def test_a_day_of_silence_is_no_obstacle() -> None:
     clock, last = synchronised()
     day = last + 86400.0
     for k in range(3):
-        clock.answered(day + k, day + k + 1e-3, (day + k - START + 5e-4) * (1 + 25e-6))
+        clock.add_ping(day + k, day + k + 1e-3, (day + k - START + 5e-4) * (1 + 25e-6))
     at = found(clock, (day + 2.5 - START) * (1 + 25e-6))
     assert at.at == pytest.approx(day + 2.5, abs=2 * at.std)
     assert at.std < 2e-3
@@ -230,7 +231,7 @@ def test_a_restart_voids_what_was_known() -> None:
     assert not clock.synchronised
     assert clock.host_time(1.0) is None
     assert (clock.drift, clock.round_trip) == (0.0, 0.0)
-    clock.answered(last + 5, last + 5.002, 0.3)
+    clock.add_ping(last + 5, last + 5.002, 0.3)
     assert found(clock, 0.3).at == pytest.approx(last + 5.001)
     assert clock.contradictions == 0
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from pretouch_sensor_gateway.calibration.file import save
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
-from pretouch_sensor_gateway.configuration import VARIABLE, gateway_from
+from pretouch_sensor_gateway.configuration import VARIABLE, load_configuration
 
 from pretouch.errors import InvalidInput
 
 
 def test_devices_in_their_order() -> None:
     text = "left=/dev/serial/by-id/usb-x, right=socket://10.0.0.5:4000,third=usb:2341:0043,"
-    setting = gateway_from({VARIABLE: text})
+    setting = load_configuration({VARIABLE: text})
     assert [(device.name, device.address) for device in setting.devices] == [
         ("left", "/dev/serial/by-id/usb-x"),
         ("right", "socket://10.0.0.5:4000"),
@@ -26,7 +26,7 @@ def test_devices_in_their_order() -> None:
 
 @pytest.mark.parametrize("environment", [{}, {VARIABLE: ""}, {VARIABLE: " , "}])
 def test_no_devices_is_fine(environment: dict[str, str]) -> None:
-    assert gateway_from(environment).devices == ()
+    assert load_configuration(environment).devices == ()
 
 
 def test_a_file_says_more(tmp_path: Path) -> None:
@@ -49,7 +49,7 @@ def test_a_file_says_more(tmp_path: Path) -> None:
         address = "/dev/ttyACM0"
         """
     )
-    setting = gateway_from({VARIABLE: str(tmp_path / "gateway.toml")})
+    setting = load_configuration({VARIABLE: str(tmp_path / "gateway.toml")})
     assert setting.recordings == tmp_path / "recordings"
     finger, plain = setting.devices
     assert (finger.name, finger.wire_format, finger.baud, finger.record) == ("finger", "binary", 230_400, True)
@@ -81,7 +81,7 @@ def test_a_file_that_cannot_be_meant_is_refused_with_its_name(text: str, said: s
     path = tmp_path / "gateway.toml"
     path.write_text(text)
     with pytest.raises(InvalidInput, match=said) as caught:
-        gateway_from({VARIABLE: str(path)})
+        load_configuration({VARIABLE: str(path)})
     assert "gateway.toml" in caught.value.detail
     assert caught.value.remedy
 
@@ -90,7 +90,7 @@ def test_as_many_modules_must_be_calibrated_as_are_described(tmp_path: Path) -> 
     save(tmp_path / "c.json", Calibration(modules=(ModuleCalibration(),) * 2))
     (tmp_path / "gateway.toml").write_text('[devices.a]\naddress = "/dev/x"\ncalibration = "c.json"')
     with pytest.raises(InvalidInput, match="2 modules are calibrated and 1 described"):
-        gateway_from({VARIABLE: str(tmp_path / "gateway.toml")})
+        load_configuration({VARIABLE: str(tmp_path / "gateway.toml")})
 
 
 @pytest.mark.parametrize(
@@ -108,5 +108,5 @@ def test_as_many_modules_must_be_calibrated_as_are_described(tmp_path: Path) -> 
 )
 def test_what_cannot_be_meant_is_refused_with_a_remedy(text: str, said: str) -> None:
     with pytest.raises(InvalidInput, match=said) as caught:
-        gateway_from({VARIABLE: text})
+        load_configuration({VARIABLE: text})
     assert caught.value.remedy

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder, encode
 from pretouch_sensor_gateway.wire_formats.messages import Identify, Ping
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
 from pretouch_simulation.finger_process import MAX_DRIFT, NO_TARGET, Finger, motion_from
 
 from pretouch.errors import PretouchError

@@ -13,7 +13,7 @@ from cobs import cobs
 from fastcrc import crc16
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.wire_formats.binary import END, MAX_FRAME, BinaryFormat, FrameDecoder, encode
+from pretouch_sensor_gateway.wire_formats.binary import END, MAX_FRAME, BinaryParser, FrameDecoder, encode
 from pretouch_sensor_gateway.wire_formats.messages import (
     MAX_FIRMWARE,
     MAX_MODULES,
@@ -26,7 +26,7 @@ from pretouch_sensor_gateway.wire_formats.messages import (
     pack,
     unpack,
 )
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply, Refusal
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply, Refusal
 
 words = st.integers(0, 2**32 - 1)
 boots = st.integers(0, 2**16 - 1)
@@ -80,7 +80,7 @@ def test_messages_come_back_however_their_bytes_are_cut(sent: list[Message], pla
 @given(st.binary(max_size=900), st.lists(st.integers(0, 900), max_size=6))
 @example(b"\x01" * 208 + END + b"\x01" * 209 + END, [208])
 def test_any_bytes_give_the_same_however_they_are_cut(data: bytes, places: list[int]) -> None:
-    whole, pieces = BinaryFormat(), BinaryFormat()
+    whole, pieces = BinaryParser(), BinaryParser()
     received = [message for piece in cut(data, places) for message in pieces.feed(piece)]
     assert same(whole.feed(data), received)
     assert whole.refused == pieces.refused
@@ -89,7 +89,7 @@ def test_any_bytes_give_the_same_however_they_are_cut(data: bytes, places: list[
 @given(st.lists(st.one_of(from_device.map(encode), st.binary(min_size=1, max_size=300).map(lambda b: b + END))))
 def test_every_frame_that_is_not_empty_is_delivered_or_counted_once(frames: list[bytes]) -> None:
     data = b"".join(frames)
-    wire_format = BinaryFormat()
+    wire_format = BinaryParser()
     received = wire_format.feed(data)
     assert len(received) + wire_format.refused.total() == ended(data)
 
@@ -191,13 +191,13 @@ def test_a_frame_that_is_not_whole_is_counted_by_reason(frame: bytes, refusal: R
 
 
 def test_an_echo_of_the_gateways_own_words_is_no_device() -> None:
-    wire_format = BinaryFormat()
+    wire_format = BinaryParser()
     assert wire_format.feed(encode(Ping(3)) + encode(Identify())) == []
     assert wire_format.refused == {Refusal.KIND: 2}
 
 
 def test_half_a_frame_before_a_cut_spoils_no_frame_after_it() -> None:
-    wire_format, reply = BinaryFormat(), PingReply(1, 2, 3)
+    wire_format, reply = BinaryParser(), PingReply(1, 2, 3)
     wire_format.feed(encode(reply)[:-3])
     wire_format.restart()
     assert wire_format.feed(encode(reply)) == [reply]

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pretouch_sensor_gateway.batch import Batch
-from pretouch_sensor_gateway.frames import Frames
 from pretouch_sensor_gateway.fusion import Fusion, fuse_span
-from pretouch_sensor_gateway.history import MAX_FRAMES, SPAN, History
-from pretouch_sensor_gateway.poses import MAX_GAP, PosePath
+from pretouch_sensor_gateway.history import MAX_MEASUREMENTS, SPAN, History
+from pretouch_sensor_gateway.measurements import Measurements
+from pretouch_sensor_gateway.pose_path import MAX_GAP, PosePath
+from pretouch_sensor_gateway.range_batch import RangeBatch
 
 from pretouch.errors import InvalidInput, TooLarge
 from pretouch.geometry import Pose
@@ -26,15 +26,15 @@ NOISE = 0.001
 TIME_STD = 0.002
 
 
-def batch(*t: float, ranges: tuple[float, ...] = (0.03,), status: tuple[int, ...] | None = None) -> Batch:
+def batch(*t: float, ranges: tuple[float, ...] = (0.03,), status: tuple[int, ...] | None = None) -> RangeBatch:
     metres = np.tile(ranges, (len(t), 1))
     codes = np.tile(np.array(status or (0,) * len(ranges), dtype=np.uint8), (len(t), 1))
     sequence = np.arange(len(t), dtype=np.uint32)
-    return Batch(np.array(t), TIME_STD, sequence, 0, metres, metres, codes, np.zeros_like(codes), 0)
+    return RangeBatch(np.array(t), TIME_STD, sequence, 0, metres, metres, codes, np.zeros_like(codes), 0)
 
 
-def frames(*t: float, ranges: tuple[float, ...] = (0.03,), status: tuple[int, ...] | None = None) -> Frames:
-    return Frames.of(batch(*t, ranges=ranges, status=status))
+def frames(*t: float, ranges: tuple[float, ...] = (0.03,), status: tuple[int, ...] | None = None) -> Measurements:
+    return Measurements.from_batch(batch(*t, ranges=ranges, status=status))
 
 
 def noise(ranges: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -165,22 +165,22 @@ def test_a_past_span_takes_each_frame_once_from_the_newest_path_that_places_it()
     old, new = path_along_x([T0, T0 + 0.1, T0 + 0.2]), PosePath()
     for t in (T0 + 0.1, T0 + 0.3):
         new.append(t, looking_down(1.0, 0.5))
-    history.remember(old)
-    history.remember(new)
+    history.add_path(old)
+    history.add_path(new)
     for k in range(6):
         history.add(batch(T0 + 0.1 * k - 0.05))
     samples = fuse_span(*history.between(T0, T0 + 1.0))
     np.testing.assert_allclose(samples.t - T0, [0.05, 0.15, 0.25], atol=1e-6)
     np.testing.assert_allclose(samples.base_T_tip[:, 0, 3], [0.05, 1.0, 1.0], atol=1e-6)
     assert len(fuse_span(*history.between(T0 + 0.1, T0 + 0.2))) == 1
-    assert len(fuse_span(Frames.none(), [])) == 0
+    assert len(fuse_span(Measurements.empty(), [])) == 0
     assert len(fuse_span(*History().between(T0, T0 + 1.0))) == 0
 
 
 def test_a_span_is_bounded_in_samples() -> None:
     history = History()
     path = PosePath()
-    history.remember(path)
+    history.add_path(path)
     history.add(batch(*(T0 + 0.01 * k for k in range(MAX_SAMPLES + 1))))
     for k in range(round(0.01 * MAX_SAMPLES / 0.2) + 2):
         path.append(T0 + 0.2 * k, looking_down(0, 0.1))
@@ -197,7 +197,7 @@ def test_the_history_holds_the_last_ten_minutes_and_no_more(rate: float, hours: 
         if len(part):
             history.add(batch(*part.tolist(), ranges=(0.03, 0.05)))
     kept, _ = history.between(0.0, 1e12)
-    wanted = times[times >= times[-1] - SPAN][-MAX_FRAMES:]
+    wanted = times[times >= times[-1] - SPAN][-MAX_MEASUREMENTS:]
     np.testing.assert_array_equal(kept.t, wanted)
     assert kept.range.shape == (len(wanted), 2)
 

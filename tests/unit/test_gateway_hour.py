@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from gateway_hour import Hour
+
+from benchmarks.faulty_hour import Hour
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +29,8 @@ def test_each_subscriber_is_told_the_same_sum(hour: Hour) -> None:
 
 
 def test_epochs_and_jumps_are_those_that_happened(hour: Hour) -> None:
-    assert hour.intake.epoch == hour.faults["reboot"] + 2 * hour.faults["another_board"]
-    assert hour.intake.clock.host_jumps == hour.faults["host_jump"]
+    assert hour.pipeline.epoch == hour.faults["reboot"] + 2 * hour.faults["another_board"]
+    assert hour.pipeline.clock.host_jumps == hour.faults["host_jump"]
 
 
 def test_no_measurement_was_given_a_wrong_time(hour: Hour) -> None:

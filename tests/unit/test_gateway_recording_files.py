@@ -10,18 +10,18 @@ from pathlib import Path
 import pytest
 import structlog
 from gateway_recordings import files_in, measured, recorded_in, sequence_in, series_in
-from pretouch_sensor_gateway.recording.items import Happened, Item, Measured, Stopped
 from pretouch_sensor_gateway.recording.limits import Limits
+from pretouch_sensor_gateway.recording.queue_items import BatchItem, EventItem, Item, StopItem
 from pretouch_sensor_gateway.recording.reader import RecordingReader
-from pretouch_sensor_gateway.recording.series import RETRY_AFTER, FileSeries
+from pretouch_sensor_gateway.recording.rotating_files import RETRY_AFTER, RotatingFiles
 
 from pretouch.errors import InvalidInput
 
 SMALL = Limits(file_bytes=64 * 1024, total_bytes=200 * 1024)
 
 
-def stopped(files: FileSeries) -> None:
-    files.write([Stopped()], 0.0)
+def stopped(files: RotatingFiles) -> None:
+    files.write([StopItem()], 0.0)
 
 
 class TestRotation:
@@ -101,7 +101,7 @@ class TestRotation:
 
     def test_no_file_without_a_batch(self, tmp_path: Path) -> None:
         files = series_in(tmp_path)
-        files.write([Happened("connected", 0.0), Stopped()], 0.0)
+        files.write([EventItem("connected", 0.0), StopItem()], 0.0)
         assert list(tmp_path.iterdir()) == []
 
     @pytest.mark.parametrize(
@@ -244,7 +244,7 @@ class TestFolder:
     def test_a_defect_costs_the_batch_and_is_logged(self, tmp_path: Path) -> None:
         files = series_in(tmp_path)
         with structlog.testing.capture_logs() as logs:
-            broken = Measured(None, 2)  # type: ignore[arg-type]
+            broken = BatchItem(None, 2)  # type: ignore[arg-type]
             written = files.write([measured(0), broken], 0.0)
             assert (written.recorded, written.unrecorded) == (0, 3)
             assert files.write([measured(1)], RETRY_AFTER).recorded == 1

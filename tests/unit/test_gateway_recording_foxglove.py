@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap.records import DataEnd
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
-from pretouch_sensor_gateway.recording.items import Configured, Happened, Measured, Stopped
+from pretouch_sensor_gateway.recording.queue_items import BatchItem, ConfigurationItem, EventItem, StopItem
 
 from pretouch.geometry import Pose, rotation_from_quaternion
 from pretouch.v1 import sensor_gateway_pb2 as pb
@@ -26,9 +26,9 @@ POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("module", "u1"), ("
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("foxglove")
     files = series_in(root)
-    files.write([Configured(made_configuration(), T0), Happened("connected", T0)], 0.0)
+    files.write([ConfigurationItem(made_configuration(), T0), EventItem("connected", T0)], 0.0)
     files.write([measured(k) for k in range(20)], 0.0)
-    files.write([measured(20, 5), Happened("lost", T0 + 1), Stopped()], 0.0)
+    files.write([measured(20, 5), EventItem("lost", T0 + 1), StopItem()], 0.0)
     return files_in(root)[0]
 
 
@@ -133,7 +133,7 @@ def test_doubtful_ranges_are_drawn_with_their_marks_and_misses_clear_the_picture
 
 def test_a_new_configuration_is_recorded_and_drawn_by_from_then_on(tmp_path: Path) -> None:
     files = series_in(tmp_path)
-    files.write([measured(0), Configured(made_configuration(), T0 + 1), measured(60), Stopped()], 0.0)
+    files.write([measured(0), ConfigurationItem(made_configuration(), T0 + 1), measured(60), StopItem()], 0.0)
     (path,) = files_in(tmp_path)
     assert [len(message.tip_t_module) for message in of(path, "/left/configuration")] == [0, MODULES]
     # Without a configuration there is one module at the tip: what the others saw has no known place.
@@ -142,8 +142,8 @@ def test_a_new_configuration_is_recorded_and_drawn_by_from_then_on(tmp_path: Pat
 
 def test_each_file_starts_with_the_configuration(tmp_path: Path) -> None:
     files = series_in(tmp_path)
-    files.write([Configured(made_configuration(), T0), measured(0), Stopped()], 0.0)
-    files.write([measured(1), Stopped()], 0.0)
+    files.write([ConfigurationItem(made_configuration(), T0), measured(0), StopItem()], 0.0)
+    files.write([measured(1), StopItem()], 0.0)
     for path in files_in(tmp_path):
         (configuration,) = of(path, "/left/configuration")
         assert configuration.SerializeToString() == made_configuration().SerializeToString()
@@ -153,7 +153,9 @@ def test_each_file_starts_with_the_configuration(tmp_path: Path) -> None:
 
 def clouds_of(root: Path, batches: list[pb.RangeBatch]) -> list[Any]:
     files = series_in(root)
-    files.write([Configured(made_configuration(), T0), *(Measured(batch, 1) for batch in batches), Stopped()], 0.0)
+    files.write(
+        [ConfigurationItem(made_configuration(), T0), *(BatchItem(batch, 1) for batch in batches), StopItem()], 0.0
+    )
     return of(files_in(root)[0], "/left/points")
 
 

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from pretouch_sensor_gateway.recording.channels import Channel, schema_of
-from pretouch_sensor_gateway.recording.checks import check_recording
-from pretouch_sensor_gateway.recording.items import Configured, Happened, Stopped
+from pretouch_sensor_gateway.recording.queue_items import ConfigurationItem, EventItem, StopItem
 from pretouch_sensor_gateway.recording.reader import RecordingReader
+from pretouch_sensor_gateway.recording.validation import check_recording
 
 from pretouch.errors import InvalidInput
 
@@ -26,9 +26,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished recording of three batches, a configuration and an event."""
     root = tmp_path_factory.mktemp("whole")
     files = series_in(root)
-    files.write([Configured(made_configuration(), 0.0)], 0.0)
-    files.write([measured(0), Happened("lost", 1_780_000_000.0), measured(1, 4), measured(5)], 0.0)
-    files.write([Stopped()], 0.0)
+    files.write([ConfigurationItem(made_configuration(), 0.0)], 0.0)
+    files.write([measured(0), EventItem("lost", 1_780_000_000.0), measured(1, 4), measured(5)], 0.0)
+    files.write([StopItem()], 0.0)
     return files_in(root)[0]
 
 
@@ -71,7 +71,7 @@ class TestTornFiles:
         for k in range(3):
             files.write([measured(k)], 0.0)
             assert len(batches_in(files_in(tmp_path)[0])) == k + 1
-        files.write([Stopped()], 0.0)
+        files.write([StopItem()], 0.0)
 
     def test_zeros_that_a_lost_power_supply_leaves_are_torn(self, whole: Path, tmp_path: Path) -> None:
         end = message_ends(whole)[-1]

@@ -11,9 +11,9 @@ import pytest
 from gateway_recordings import T0, batches_in, files_in, made_batch, made_configuration, measured, series_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.recording.items import Configured, Measured, Stopped
 from pretouch_sensor_gateway.recording.limits import Limits
-from pretouch_sensor_gateway.recording.replay import LONGEST_GAP, Pace, ReplaySource, ReplayState
+from pretouch_sensor_gateway.recording.player import LONGEST_GAP, Pace, PlaybackState, RecordingPlayer
+from pretouch_sensor_gateway.recording.queue_items import BatchItem, ConfigurationItem, StopItem
 
 from pretouch.v1 import common_pb2
 from pretouch.v1 import sensor_gateway_pb2 as pb
@@ -97,7 +97,7 @@ async def moments(path: Path, busy: float = 0.0) -> list[float]:
         delivered.append(watch.now)
         watch.now += busy
 
-    await ReplaySource(path, deliver, clock=watch, sleep=watch.sleep).run()
+    await RecordingPlayer(path, deliver, clock=watch, sleep=watch.sleep).run()
     return [moment - delivered[0] for moment in delivered]
 
 
@@ -125,17 +125,17 @@ class TestEnds:
         path = recording_of(tmp_path, [made_batch(k) for k in range(600)])
         source, played = await play(path)
         assert len(played) == 600
-        assert (source.state, source.problem) == (ReplayState.ENDED, "")
+        assert (source.state, source.problem) == (PlaybackState.ENDED, "")
         assert source.configuration == made_configuration()
 
     async def test_the_configuration_is_there_with_the_batches_it_holds_for(self, tmp_path: Path) -> None:
         files = series_in(tmp_path)
-        files.write([measured(0), Configured(made_configuration(2), T0), measured(1), Stopped()], 0.0)
+        files.write([measured(0), ConfigurationItem(made_configuration(2), T0), measured(1), StopItem()], 0.0)
         seen = []
-        source = ReplaySource(
+        source = RecordingPlayer(
             files_in(tmp_path)[0], lambda _: seen.append(len(source.configuration.tip_t_module)), Pace.AT_ONCE
         )
-        assert (source.state, source.configuration) == (ReplayState.WAITING, None)
+        assert (source.state, source.configuration) == (PlaybackState.WAITING, None)
         await source.run()
         assert seen == [0, 2]
 
@@ -148,7 +148,7 @@ class TestEnds:
         path.write_bytes(whole + whole[-30:-1])
         source, played = await play(path)
         assert len(played) == 10
-        assert source.state is ReplayState.ENDED
+        assert source.state is PlaybackState.ENDED
         assert "last 29 bytes" in source.problem
 
     async def test_files_that_cannot_be_played(self, tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ class TestEnds:
                 path.write_bytes(content)
             source, played = await play(path)
             assert played == []
-            assert source.state is ReplayState.FAILED
+            assert source.state is PlaybackState.FAILED
             assert text in source.problem
 
     async def test_a_damaged_batch_is_left_out_and_counted(self, tmp_path: Path) -> None:
@@ -168,7 +168,7 @@ class TestEnds:
         path.write_bytes(content.replace(batch, b"\xff" * len(batch)))
         source, played = await play(path)
         assert played == [made_batch(0), made_batch(2)]
-        assert source.state is ReplayState.ENDED
+        assert source.state is PlaybackState.ENDED
         assert "1 of its messages" in source.problem
 
     async def test_it_can_be_cancelled_anywhere(self, tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ class TestEnds:
         async def forever(_: float) -> None:
             await asyncio.Event().wait()
 
-        task = asyncio.create_task(ReplaySource(path, played.append, sleep=forever).run())
+        task = asyncio.create_task(RecordingPlayer(path, played.append, sleep=forever).run())
         await asyncio.sleep(0)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -189,16 +189,17 @@ class TestEnds:
 def recording_of(root: Path, batches: list[pb.RangeBatch], ended: bool = True) -> Path:
     files = series_in(root, Limits(file_seconds=1e12))
     files.write(
-        [Configured(made_configuration(), T0), *(Measured(batch, len(batch.t.data) // 8) for batch in batches)], 0
+        [ConfigurationItem(made_configuration(), T0), *(BatchItem(batch, len(batch.t.data) // 8) for batch in batches)],
+        0,
     )
     if ended:
-        files.write([Stopped()], 0.0)
+        files.write([StopItem()], 0.0)
     return files_in(root)[0]
 
 
-async def play(path: Path) -> tuple[ReplaySource, list[pb.RangeBatch]]:
+async def play(path: Path) -> tuple[RecordingPlayer, list[pb.RangeBatch]]:
     """The source after it has played all at once, and what it played."""
     played: list[pb.RangeBatch] = []
-    source = ReplaySource(path, played.append, Pace.AT_ONCE)
+    source = RecordingPlayer(path, played.append, Pace.AT_ONCE)
     await source.run()
     return source, played

@@ -48,25 +48,25 @@ def gate(monkeypatch: pytest.MonkeyPatch) -> Gate:
 
 def counted(recorder: Recorder) -> int:
     status = recorder.status()
-    return status.frames + status.unrecorded + status.pending
+    return status.measurements + status.unrecorded + status.pending
 
 
 def test_64_devices_are_recorded_by_one_thread(tmp_path: Path) -> None:
     before = threading.active_count()
     with RecordingWriter(tmp_path / "new" / "root", LOG) as writer:
-        recorders = [writer.recorder(f"finger-{n}") for n in range(64)]
+        recorders = [writer.create_recorder(f"finger-{n}") for n in range(64)]
         assert threading.active_count() == before + 1
         for recorder in recorders:
-            recorder.configuration(made_configuration(), T0)
+            recorder.record_configuration(made_configuration(), T0)
             recorder.start()
         for k in range(20):
             for n, recorder in enumerate(recorders):
-                recorder.batch(made_batch(1000 * n + 2 * k, 2))
+                recorder.record_batch(made_batch(1000 * n + 2 * k, 2))
                 assert counted(recorder) == 2 * k + 2
     assert threading.active_count() == before
     for n, recorder in enumerate(recorders):
         status = recorder.status()
-        assert (status.on, status.frames, status.unrecorded, status.pending) == (False, 40, 0, 0)
+        assert (status.on, status.measurements, status.unrecorded, status.pending) == (False, 40, 0, 0)
         (path,) = files_in(tmp_path / "new" / "root", f"finger-{n}")
         assert sequence_in(path) == list(range(1000 * n, 1000 * n + 40))
         assert {message.topic.split("/")[1] for message in recorded_in(path)} == {f"finger-{n}"}
@@ -75,10 +75,10 @@ def test_64_devices_are_recorded_by_one_thread(tmp_path: Path) -> None:
 
 def test_leaving_the_block_finishes_every_file(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path, LOG) as writer:
-        recorder = writer.recorder("left")
+        recorder = writer.create_recorder("left")
         recorder.start()
         for k in range(500):
-            recorder.batch(made_batch(k))
+            recorder.record_batch(made_batch(k))
     reader = RecordingReader(files_in(tmp_path)[0])
     assert len(list(reader)) == 1003  # 500 x 2, configuration, transforms, log
     assert reader.complete
@@ -86,43 +86,47 @@ def test_leaving_the_block_finishes_every_file(tmp_path: Path) -> None:
 
 def test_only_what_comes_while_it_is_on_is_recorded(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path, LOG) as writer:
-        recorder = writer.recorder("left")
-        recorder.batch(made_batch(0))
-        recorder.event("nobody listens", T0)
+        recorder = writer.create_recorder("left")
+        recorder.record_batch(made_batch(0))
+        recorder.record_event("nobody listens", T0)
         assert recorder.status().on is False
         recorder.start()
         recorder.start()
-        recorder.batch(made_batch(1))
+        recorder.record_batch(made_batch(1))
         assert recorder.status().on is True
         recorder.stop()
-        recorder.batch(made_batch(2))
+        recorder.record_batch(made_batch(2))
         recorder.stop()
         recorder.start()
-        recorder.batch(made_batch(3))
+        recorder.record_batch(made_batch(3))
     assert [sequence_in(path) for path in files_in(tmp_path)] == [[1], [3]]
     assert all(b"nobody" not in path.read_bytes() for path in files_in(tmp_path))
-    assert recorder.status().frames == 2
+    assert recorder.status().measurements == 2
     assert recorder.status().path == ""
 
 
 def test_a_disk_that_hangs_costs_frames_but_no_time(tmp_path: Path, gate: Gate) -> None:
     with structlog.testing.capture_logs() as logs, RecordingWriter(tmp_path, LOG) as writer:
-        left, right = writer.recorder("left"), writer.recorder("right")
+        left, right = writer.create_recorder("left"), writer.create_recorder("right")
         left.start()
         right.start()
         gate.shut()
-        left.batch(made_batch(0))
+        left.record_batch(made_batch(0))
         assert gate.reached.wait(60)
         for k in range(QUEUE_BATCHES + 100):
-            left.batch(made_batch(1 + 2 * k, 2))
+            left.record_batch(made_batch(1 + 2 * k, 2))
             assert counted(left) == 1 + 2 * (k + 1)
-        right.batch(made_batch(0))
-        assert (left.status().frames, left.status().unrecorded) == (0, 200)
+        right.record_batch(made_batch(0))
+        assert (left.status().measurements, left.status().unrecorded) == (0, 200)
         assert "too slow" in left.status().problem
         assert right.status().problem == ""
         gate.open()
-    assert (left.status().frames, left.status().unrecorded, left.status().pending) == (1 + 2 * QUEUE_BATCHES, 200, 0)
-    assert right.status().frames == 1
+    assert (left.status().measurements, left.status().unrecorded, left.status().pending) == (
+        1 + 2 * QUEUE_BATCHES,
+        200,
+        0,
+    )
+    assert right.status().measurements == 1
     (path,) = files_in(tmp_path)
     assert sequence_in(path) == list(range(1 + 2 * QUEUE_BATCHES))
     assert b"200 frames were not recorded" in path.read_bytes()
@@ -135,10 +139,10 @@ def test_a_disk_that_hangs_for_good_does_not_keep_the_gateway_from_ending(
     monkeypatch.setattr(writer_module, "_LAST_WRITE", 0.01)
     with structlog.testing.capture_logs() as logs:
         with RecordingWriter(tmp_path, LOG) as writer:
-            recorder = writer.recorder("left")
+            recorder = writer.create_recorder("left")
             recorder.start()
             gate.shut()
-            recorder.batch(made_batch(0, 3))
+            recorder.record_batch(made_batch(0, 3))
             assert gate.reached.wait(60)
         assert [(entry["event"], entry["frames"]) for entry in logs] == [
             ("the disk hangs: the last frames are not recorded", 3)
@@ -146,25 +150,25 @@ def test_a_disk_that_hangs_for_good_does_not_keep_the_gateway_from_ending(
     thread = next(thread for thread in threading.enumerate() if thread.name == "recording")
     gate.open()
     thread.join(60)
-    assert recorder.status().frames == 3
+    assert recorder.status().measurements == 3
 
 
 def test_a_full_disk_is_retried_by_the_writers_clock(tmp_path: Path) -> None:
     now = 0.0
     (tmp_path / "left").write_text("in the way")
     with RecordingWriter(tmp_path, LOG, clock=lambda: now) as writer:
-        recorder = writer.recorder("left")
+        recorder = writer.create_recorder("left")
         recorder.start()
-        recorder.batch(made_batch(0))
+        recorder.record_batch(made_batch(0))
         settled(recorder)
         assert "It is tried again" in recorder.status().problem
         (tmp_path / "left").unlink()
         now = 10.0
-        recorder.batch(made_batch(1))
+        recorder.record_batch(made_batch(1))
         settled(recorder)
         assert recorder.status().problem == ""
         assert recorder.status().path == str(files_in(tmp_path)[0])
-    assert (recorder.status().frames, recorder.status().unrecorded) == (1, 1)
+    assert (recorder.status().measurements, recorder.status().unrecorded) == (1, 1)
 
 
 def settled(recorder: Recorder) -> None:

@@ -8,18 +8,18 @@ import math
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.wire_formats.lines import MAX_LINE, LineSplitter
+from pretouch_sensor_gateway.wire_formats.auto_detection import create_parser
+from pretouch_sensor_gateway.wire_formats.line_splitter import MAX_LINE, LineSplitter
 from pretouch_sensor_gateway.wire_formats.messages import MAX_MODULES
-from pretouch_sensor_gateway.wire_formats.received import Measurement, Received, Refusal, WireFormat
-from pretouch_sensor_gateway.wire_formats.recognition import format_named
+from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Measurement, Parser, Refusal
 
 NAN = math.nan
 TEXT_FORMATS = ("millimetres", "time-millimetres", "millimetres-time", "adafruit", "stm32duino")
 
 
-def heard(name: str, *lines: str) -> tuple[list[Received], WireFormat]:
+def heard(name: str, *lines: str) -> tuple[list[DeviceMessage], Parser]:
     """What a device says that is heard from a line's start."""
-    wire_format = format_named(name)
+    wire_format = create_parser(name)
     return wire_format.feed("\n".join(("", *lines, "")).encode()), wire_format
 
 
@@ -29,7 +29,7 @@ def only(name: str, line: str) -> Measurement:
     return measurement
 
 
-def same(left: list[Received], right: list[Received]) -> bool:
+def same(left: list[DeviceMessage], right: list[DeviceMessage]) -> bool:
     return [repr(m) for m in left] == [repr(m) for m in right]  # NaN does not equal itself
 
 
@@ -123,7 +123,7 @@ def test_the_device_s_time_is_told_in_microseconds(
     measurement = only(name, line)
     assert measurement.micros == micros
     alike(measurement, ranges, measurement.status)
-    assert format_named(name).tick_modulus == 2**32 * 1000
+    assert create_parser(name).tick_modulus == 2**32 * 1000
 
 
 @pytest.mark.parametrize(
@@ -209,7 +209,7 @@ def test_the_stm32duino_log_tells_time_count_ranges_and_status() -> None:
 )
 def test_the_stm32duino_log_s_hours_wrap_with_the_day(time: str, micros: int) -> None:
     assert only("stm32duino", f"[{time}, 1] 12 [0]").micros == micros
-    assert format_named("stm32duino").tick_modulus == 86_400_000_000
+    assert create_parser("stm32duino").tick_modulus == 86_400_000_000
 
 
 @pytest.mark.parametrize(
@@ -242,7 +242,7 @@ GOOD = {
 
 @pytest.mark.parametrize("name", TEXT_FORMATS)
 def test_half_a_line_is_believed_neither_at_the_start_nor_after_a_cut(name: str) -> None:
-    wire_format, line = format_named(name), GOOD[name].format(mm=134).encode() + b"\r\n"
+    wire_format, line = create_parser(name), GOOD[name].format(mm=134).encode() + b"\r\n"
     assert wire_format.feed(line[1:]) == []
     assert wire_format.refused.total() == 1
     assert len(wire_format.feed(line)) == 1
@@ -266,7 +266,7 @@ def test_after_a_cut_another_device_may_have_another_number_of_modules() -> None
 
 
 def test_what_is_not_printable_ascii_or_too_long_is_refused_by_reason() -> None:
-    wire_format = format_named("millimetres")
+    wire_format = create_parser("millimetres")
     data = b"\n1 2\n1\x002\n1 \xff\n\x1b[2J1 2\n" + b"1 " * 1000 + b"\r\n1 2\r\n"
     assert len(wire_format.feed(data)) == 2
     assert wire_format.refused == {Refusal.ENCODING: 3, Refusal.OVERSIZE: 1}
@@ -305,7 +305,7 @@ pieces = st.one_of(
 def test_any_bytes_give_the_same_however_they_are_cut_and_every_line_is_counted_once(
     name: str, data: bytes, places: list[int]
 ) -> None:
-    whole, cut = format_named(name), format_named(name)
+    whole, cut = create_parser(name), create_parser(name)
     received = whole.feed(data)
     edges = [0, *sorted(min(place, len(data)) for place in places), len(data)]
     assert same(received, [m for a, b in itertools.pairwise(edges) for m in cut.feed(data[a:b])])
@@ -335,4 +335,4 @@ def test_numbers_come_out_as_they_went_in(numbers: list[object], separator: str)
 
 
 def test_nothing_is_ever_sent_to_a_device_that_prints_text() -> None:
-    assert not any(format_named(name).two_way for name in TEXT_FORMATS)
+    assert not any(create_parser(name).two_way for name in TEXT_FORMATS)

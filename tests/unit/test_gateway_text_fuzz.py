@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from pretouch_sensor_gateway.wire_formats.known import KNOWN
-from pretouch_sensor_gateway.wire_formats.recognition import AUTO, Recognition, format_named
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, AutoDetectingParser, create_parser
+from pretouch_sensor_gateway.wire_formats.registry import PARSERS
 
 from fuzz import harness
 from fuzz.mutation import mutated
@@ -18,10 +18,10 @@ def test_the_invariants_hold_for_mutated_streams(seed: int) -> None:
         harness.check_input(data)
 
 
-@pytest.mark.parametrize("name", KNOWN)
+@pytest.mark.parametrize("name", PARSERS)
 def test_every_sample_stream_is_read_and_recognised(name: str) -> None:
     for stream in STREAMS[name]:
-        named, recognised = format_named(name), format_named(AUTO)
+        named, recognised = create_parser(name), create_parser(AUTO)
         received = named.feed(stream)
         assert len(received) >= 4
         assert [repr(message) for message in recognised.feed(stream)] == [repr(message) for message in received]
@@ -29,7 +29,7 @@ def test_every_sample_stream_is_read_and_recognised(name: str) -> None:
 
 
 def test_the_invariants_notice_a_format_that_loses_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    feed = Recognition.feed
-    monkeypatch.setattr(Recognition, "feed", lambda self, data: feed(self, data)[1:])
+    feed = AutoDetectingParser.feed
+    monkeypatch.setattr(AutoDetectingParser, "feed", lambda self, data: feed(self, data)[1:])
     with pytest.raises(AssertionError):
         harness.check(AUTO, STREAMS["millimetres"][0], 7)

@@ -8,11 +8,16 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pretouch_sensor_gateway.wire_formats.auto_detection import (
+    FORMATS,
+    MAX_UNDETECTED,
+    AutoDetectingParser,
+    create_parser,
+)
 from pretouch_sensor_gateway.wire_formats.binary import encode
-from pretouch_sensor_gateway.wire_formats.evidence import WINDOW
+from pretouch_sensor_gateway.wire_formats.format_detector import WINDOW
 from pretouch_sensor_gateway.wire_formats.messages import Ping
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply, Received, Refusal
-from pretouch_sensor_gateway.wire_formats.recognition import FORMATS, ROUND, Recognition, format_named
+from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Identity, Measurement, PingReply, Refusal
 
 from pretouch.errors import InvalidInput
 
@@ -44,7 +49,7 @@ def end(name: str) -> bytes:
     return b"\0" if name == "binary" else b"\n"
 
 
-def told(received: list[Received]) -> list[str]:
+def told(received: list[DeviceMessage]) -> list[str]:
     return [repr(message) for message in received]
 
 
@@ -54,7 +59,7 @@ def test_every_format_is_recognised_behind_half_a_line_or_a_boot_loader_and_lose
     name: str, before: bytes
 ) -> None:
     data = before + end(name) + DEVICES[name]
-    recognition, alone = Recognition(), format_named(name)
+    recognition, alone = AutoDetectingParser(), create_parser(name)
     assert told(recognition.feed(data)) == told(alone.feed(data))
     assert recognition.name == name
     assert (recognition.two_way, recognition.tick_modulus) == (alone.two_way, alone.tick_modulus)
@@ -63,19 +68,19 @@ def test_every_format_is_recognised_behind_half_a_line_or_a_boot_loader_and_lose
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_nothing_is_known_or_sent_before_the_evidence_is_complete(name: str) -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     data = end(name) + DEVICES[name]
     assert recognition.feed(data[:-2]) == []  # "\r" already ends the last line
     assert (recognition.name, recognition.two_way, recognition.tick_modulus) == ("", False, None)
-    assert len(recognition.feed(data[-2:])) == len(format_named(name).feed(data))
+    assert len(recognition.feed(data[-2:])) == len(create_parser(name).feed(data))
     assert recognition.name == name
-    assert len(recognition.feed(DEVICES[name])) == len(format_named(name).feed(data))
+    assert len(recognition.feed(DEVICES[name])) == len(create_parser(name).feed(data))
 
 
 @given(st.sampled_from(sorted(DEVICES)), st.binary(max_size=40), st.lists(st.integers(0, 600), max_size=8))
 def test_what_comes_out_does_not_depend_on_where_the_bytes_are_cut(name: str, before: bytes, places: list[int]) -> None:
     data = before + b"\0\n" + DEVICES[name] * 2
-    whole, cut = Recognition(), Recognition()
+    whole, cut = AutoDetectingParser(), AutoDetectingParser()
     edges = [0, *sorted(min(place, len(data)) for place in places), len(data)]
     pieces = [message for a, b in itertools.pairwise(edges) for message in cut.feed(data[a:b])]
     assert told(whole.feed(data)) == told(pieces)
@@ -85,14 +90,14 @@ def test_what_comes_out_does_not_depend_on_where_the_bytes_are_cut(name: str, be
 @pytest.mark.parametrize(
     "message", [PingReply(1, 2, 3), Identity(1, "", 1, 0.03, "demo"), Measurement(1, 2, 3, (0.1,), (0,))]
 )
-def test_one_whole_frame_of_any_kind_is_proof_of_the_binary_format(message: Received) -> None:
-    recognition = Recognition()
+def test_one_whole_frame_of_any_kind_is_proof_of_the_binary_format(message: DeviceMessage) -> None:
+    recognition = AutoDetectingParser()
     assert recognition.feed(encode(message)) == [message]
     assert recognition.name == "binary"
 
 
 def test_an_echo_is_no_proof() -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     assert recognition.feed(encode(Ping(1)) * 20) == []
     assert recognition.name == ""
 
@@ -118,7 +123,7 @@ def lines_of(*columns: Callable[[int], int]) -> bytes:
 def test_a_column_that_rises_evenly_by_milliseconds_is_the_device_s_time(
     columns: list[Callable[[int], int]], name: str
 ) -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     assert len(recognition.feed(lines_of(*columns))) == 40
     assert recognition.name == name
 
@@ -136,13 +141,13 @@ def test_a_column_that_rises_evenly_by_milliseconds_is_the_device_s_time(
     ],
 )
 def test_in_doubt_nothing_is_decided_and_nothing_comes_out(columns: list[Callable[[int], int]]) -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     assert recognition.feed(lines_of(*columns)) == []
     assert recognition.name == ""
 
 
 def test_a_finger_that_draws_back_is_recognised_when_it_rests() -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     assert recognition.feed(b"\n" + stream(lambda k: f"{60 + 2 * k} {61 + 2 * k}", 20)) == []
     assert len(recognition.feed(stream(lambda k: f"{rests(k)} {rests(k)}"))) == 20 + WINDOW
     assert recognition.name == "millimetres"
@@ -150,7 +155,7 @@ def test_a_finger_that_draws_back_is_recognised_when_it_rests() -> None:
 
 @pytest.mark.parametrize("starts", [1, 2])
 def test_a_start_while_listening_does_not_turn_the_time_into_a_range(starts: int) -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     recognition.feed(b"\n")
     for start in range(starts):
         recognition.feed(stream(lambda k, start=start: f"{3000 - 9 * start + 33 * k} {rests(k)}", 4))
@@ -159,49 +164,49 @@ def test_a_start_while_listening_does_not_turn_the_time_into_a_range(starts: int
 
 
 def test_lines_of_differing_numbers_of_columns_are_no_format() -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     assert recognition.feed(b"\n" + stream(lambda k: f"{rests(k)} 45 {rests(k)}"[: 6 + 4 * (k % 2)], 100)) == []
     assert recognition.name == ""
 
 
 def test_text_between_lines_of_numbers_makes_them_no_format() -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     assert recognition.feed(b"\n" + stream(lambda k: f"Lux: 12\n{rests(k)}", 100)) == []
     assert recognition.name == ""
 
 
 def test_bytes_that_nothing_can_read_fill_no_memory_and_are_counted() -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     for _ in range(5):
-        assert recognition.feed(b"Lux: 12\r\n" * (ROUND // 9) + b"#" * (ROUND % 9)) == []
-    assert recognition.refused == {Refusal.ENCODING: 5 * (ROUND // 9 + 1)}
+        assert recognition.feed(b"Lux: 12\r\n" * (MAX_UNDETECTED // 9) + b"#" * (MAX_UNDETECTED % 9)) == []
+    assert recognition.refused == {Refusal.ENCODING: 5 * (MAX_UNDETECTED // 9 + 1)}
     assert recognition.feed(b"\n" + DEVICES["adafruit"]) != []
 
 
 def test_a_line_that_never_ends_fills_no_memory() -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     for _ in range(100):
         assert recognition.feed(b"\x01" * 1000) == []
-        assert len(recognition._held) < ROUND
-    assert recognition.refused == {Refusal.ENCODING: 100_000 // ROUND}
+        assert len(recognition._held) < MAX_UNDETECTED
+    assert recognition.refused == {Refusal.ENCODING: 100_000 // MAX_UNDETECTED}
 
 
 @pytest.mark.parametrize(("first", "second"), list(itertools.permutations(DEVICES, 2)))
 def test_after_a_cut_another_device_is_recognised_and_the_counts_go_on(first: str, second: str) -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     recognition.feed(b"?" + end(first) + DEVICES[first] + b"half a li")
     before = recognition.refused.total()
     assert before >= 1
     recognition.restart()
     assert (recognition.name, recognition.two_way, recognition.tick_modulus) == ("", False, None)
     data = end(second) + DEVICES[second]
-    assert told(recognition.feed(data)) == told(format_named(second).feed(data))
+    assert told(recognition.feed(data)) == told(create_parser(second).feed(data))
     assert recognition.name == second
     assert recognition.refused.total() >= before
 
 
 def test_what_was_held_when_the_line_was_cut_is_counted() -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     recognition.feed(b"\n" + stream(lambda k: f"{rests(k)}", 3))
     recognition.restart()
     assert recognition.refused == {Refusal.ENCODING: 3}
@@ -210,7 +215,7 @@ def test_what_was_held_when_the_line_was_cut_is_counted() -> None:
 @given(st.binary(max_size=3000))
 @settings(max_examples=50)
 def test_noise_is_hardly_ever_taken_for_a_device(noise: bytes) -> None:
-    recognition = Recognition()
+    recognition = AutoDetectingParser()
     assert recognition.feed(noise) == []
     assert recognition.name == ""
 
@@ -218,10 +223,10 @@ def test_noise_is_hardly_ever_taken_for_a_device(noise: bytes) -> None:
 def test_formats_are_known_by_name() -> None:
     assert ("auto", *DEVICES) == FORMATS
     for name in FORMATS[1:]:
-        assert format_named(name).name == name
-        assert format_named(name) is not format_named(name)
-    assert format_named("auto").name == ""
+        assert create_parser(name).name == name
+        assert create_parser(name) is not create_parser(name)
+    assert create_parser("auto").name == ""
     with pytest.raises(InvalidInput) as refused:
-        format_named("binray")
+        create_parser("binray")
     assert "'binray'" in refused.value.detail
     assert all(name in refused.value.remedy for name in FORMATS)

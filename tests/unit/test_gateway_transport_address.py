@@ -15,7 +15,7 @@ from pretouch_sensor_gateway.transport.address import (
     PathAddress,
     SocketAddress,
     UsbAddress,
-    check_address,
+    parse_address,
 )
 from pretouch_sensor_gateway.transport.problem import PortProblem, serial_problem, socket_problem
 from pretouch_sensor_gateway.transport.usb import find_usb_port
@@ -42,7 +42,7 @@ from pretouch.errors import InvalidInput
     ],
 )
 def test_an_address_is_a_path_a_usb_device_or_a_socket(text: str, address: Address) -> None:
-    assert check_address(text) == address
+    assert parse_address(text) == address
 
 
 NEVER = (
@@ -58,7 +58,7 @@ NEVER = (
 @pytest.mark.parametrize("text", NEVER.split("|"))
 def test_an_address_that_can_never_work_is_refused_with_what_to_do(text: str) -> None:
     with pytest.raises(InvalidInput) as refusal:
-        check_address(text)
+        parse_address(text)
     assert repr(text) in refusal.value.detail
     assert "socket://" in refusal.value.remedy or "usb:2341:0043" in refusal.value.remedy
 
@@ -66,7 +66,7 @@ def test_an_address_that_can_never_work_is_refused_with_what_to_do(text: str) ->
 @given(st.text() | st.builds("{}{}".format, st.sampled_from(["usb:", "socket://", "socket://h:", "/"]), st.text()))
 def test_any_text_is_an_address_or_refused(text: str) -> None:
     try:
-        address = check_address(text)
+        address = parse_address(text)
     except InvalidInput:
         return
     assert isinstance(address, PathAddress | UsbAddress | SocketAddress)

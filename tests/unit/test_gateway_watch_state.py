@@ -8,8 +8,8 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.watch.events import KEPT, QUIET, EventLog, Weight
-from pretouch_sensor_gateway.watch.keys import Key, keys_in
+from pretouch_sensor_gateway.watch.events import KEPT, QUIET, EventLog, Severity
+from pretouch_sensor_gateway.watch.keys import Key, parse_keys
 from pretouch_sensor_gateway.watch.state import Watch, WatchedDevice
 from watched_gateway import device, module, ranges, status
 
@@ -87,9 +87,9 @@ def test_all_that_happens_is_told() -> None:
         "connecting: There is no device.",
         "It is held.",
         "streaming",
-        "started anew: epoch 1",
+        "restarted: epoch 1",
         "its clock is not known",
-        "started anew: epoch 2",
+        "restarted: epoch 2",
         "2 frames refused: checksum",
         "5 frames given up, their time was not known",
         "its clock is known",
@@ -99,7 +99,7 @@ def test_all_that_happens_is_told() -> None:
         "recording stopped",
         "1 frame lost",
         "4 frames lost to this view, which read too slowly",
-        "started anew: epoch 3",
+        "restarted: epoch 3",
     ]
     assert finger.state_since == 3.0
 
@@ -128,7 +128,7 @@ def test_gaps_and_starts_are_told_in_full_whatever_the_order(
     told = [event for event in events if "lost" in event.text]
     assert sum(event.amount for event in told) == sum(lost for _, lost, _, by_status, _ in messages if not by_status)
     assert all(later.first - earlier.at > QUIET for earlier, later in pairwise(told))
-    assert sum("started anew" in event.text for event in events) == starts
+    assert sum("restarted" in event.text for event in events) == starts
     assert [event.at for event in events] == sorted(event.at for event in events)
 
 
@@ -144,7 +144,7 @@ def test_gaps_in_a_row_are_one_event_and_say_how_many() -> None:
 def test_the_log_keeps_what_happened_last() -> None:
     log = EventLog()
     for k in range(3 * KEPT):
-        log.add("a", str(k), Weight.NOTE, float(k))
+        log.add("a", str(k), Severity.NOTE, float(k))
     assert [event.text for event in log.last(2)] == ["298", "299"]
     assert log.last(0) == []
     assert len(log.last(1000)) == KEPT
@@ -164,7 +164,7 @@ def test_a_gateway_that_comes_back_counts_from_the_start_and_its_devices_go_on()
     thumb.take_status(status(device("thumb"), refused={"checksum": 1}, epoch=1), 11.0)
     assert happened(watch) == ["streaming", "No gateway answers.", "the gateway at host:50053 is back"]
     thumb.take_status(status(device("thumb"), refused={"checksum": 2}, epoch=2), 12.0)
-    assert happened(watch)[3:] == ["started anew: epoch 2", "1 frame refused: checksum"]
+    assert happened(watch)[3:] == ["restarted: epoch 2", "1 frame refused: checksum"]
 
 
 def test_the_selection_goes_round_and_stays_within_the_devices() -> None:
@@ -195,4 +195,4 @@ def test_the_selection_goes_round_and_stays_within_the_devices() -> None:
     ],
 )
 def test_keys_are_read_from_what_a_terminal_sends(typed: bytes, keys: list[Key | int]) -> None:
-    assert keys_in(typed) == keys
+    assert parse_keys(typed) == keys

@@ -31,7 +31,7 @@ def test_every_measurement_of_the_columns_is_counted_once(steps: list[float], mi
     begun = (math.floor(after / SPAN) // joined - 129) * joined * SPAN
     shown = t >= max(begun, (math.floor(t[-1] / SPAN) - SPANS + 1) * SPAN)
     over = t < math.floor(after / SPAN) // joined * joined * SPAN
-    assert summary.frames.sum() == (shown & over).sum()
+    assert summary.measurements.sum() == (shown & over).sum()
     assert summary.returns.sum() == (shown & over & np.isfinite(metres[:, 0])).sum()
     assert np.nansum(summary.mean * summary.returns) == pytest.approx(np.nansum(metres[shown & over]))
     assert (np.isnan(summary.mean) == (summary.returns == 0)).all()
@@ -66,7 +66,7 @@ def test_what_is_kept_is_bounded() -> None:
 
 def test_a_sparkline_tells_ranges_misses_and_gaps_apart() -> None:
     summary = Summary(
-        frames=np.array([7, 7, 0, 7, 7]),
+        measurements=np.array([7, 7, 0, 7, 7]),
         returns=np.array([[7], [7], [0], [0], [3]]),
         mean=np.array([[0.02], [0.06], [np.nan], [np.nan], [0.04]]),
     )

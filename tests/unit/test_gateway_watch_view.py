@@ -9,7 +9,7 @@ from datetime import datetime
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.watch.lines import lines
+from pretouch_sensor_gateway.watch.log_lines import log_lines
 from pretouch_sensor_gateway.watch.state import Watch
 from pretouch_sensor_gateway.watch.view import View
 from rich.console import Console
@@ -148,7 +148,7 @@ def test_events_come_with_their_times_and_the_last_ones_stay() -> None:
     times = [datetime.fromtimestamp(WALL + at - 100.0).strftime("%H:%M:%S") for at in (99.0, 97.0)]
     assert len(said) == 8
     assert said[-1] == f" {times[0]} 7 frames lost in 2 gaps, since {times[1]}"
-    assert said[-2].endswith("started anew: epoch 15")
+    assert said[-2].endswith("restarted: epoch 15")
 
 
 def test_devices_are_told_apart_and_the_one_that_is_looked_at_is_shown() -> None:
@@ -232,7 +232,7 @@ def test_the_log_has_a_line_for_each_device() -> None:
     watch = six_modules()
     watch.devices[0].status.recording.unrecorded = 2
     watch.devices[0].status.recording.problem = "The disk is full."
-    (line,) = lines(watch, WALL)
+    (line,) = log_lines(watch, WALL)
     time, _, rest = line.partition(" ")
     assert datetime.fromisoformat(time).timestamp() == WALL
     assert rest == (
@@ -243,13 +243,13 @@ def test_the_log_has_a_line_for_each_device() -> None:
 
 def test_the_log_says_what_is_wrong() -> None:
     watch = Watch("host:1")
-    assert [line.partition(" ")[2] for line in lines(watch, WALL)] == ["Connecting to host:1."]
+    assert [line.partition(" ")[2] for line in log_lines(watch, WALL)] == ["Connecting to host:1."]
     watch.take_failure("No gateway answers.", 103.5, 100.0)
-    assert [line.partition(" ")[2] for line in lines(watch, WALL)] == ["No gateway answers."]
+    assert [line.partition(" ")[2] for line in log_lines(watch, WALL)] == ["No gateway answers."]
     watch.take_devices([], 101.0)
-    assert [line.partition(" ")[2] for line in lines(watch, WALL)] == ["The gateway at host:1 has no device."]
+    assert [line.partition(" ")[2] for line in log_lines(watch, WALL)] == ["The gateway at host:1 has no device."]
     watch.take_devices([device("a", pb.DEVICE_STATE_SILENT, problem="Nothing comes."), device("b")], 102.0)
-    first, second = (line.partition(" ")[2] for line in lines(watch, WALL))
+    first, second = (line.partition(" ")[2] for line in log_lines(watch, WALL))
     assert first.startswith("a silent, 0.0 Hz, lost 0")
     assert first.endswith("; Nothing comes.")
     assert second.startswith("b streaming")

@@ -1,6 +1,6 @@
-"""Which devices the gateway serves and how it understands them, from its environment.
+"""Reads which devices the gateway serves, and their settings, from its environment.
 
-`PRETOUCH_GATEWAY_DEVICES` is either `name=port,name=port`, or the path of a TOML file that says more:
+`PRETOUCH_GATEWAY_DEVICES` is either `name=port,name=port`, or the path of a TOML file with all settings:
 
     recordings = "recordings"                # folder; left out: nothing can be recorded
 
@@ -30,9 +30,9 @@ from pretouch.geometry import Pose
 from pretouch.wire.reader import Members, at, pose
 from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import Calibration
-from pretouch_sensor_gateway.recording.checks import check_recording
-from pretouch_sensor_gateway.transport.address import check_address
-from pretouch_sensor_gateway.wire_formats.recognition import AUTO, format_named
+from pretouch_sensor_gateway.recording.validation import check_recording
+from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD, parse_address
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, create_parser
 
 VARIABLE = "PRETOUCH_GATEWAY_DEVICES"
 _NAME = re.compile(r"[\w.-]{1,64}")
@@ -41,19 +41,18 @@ _REMEDY = (
     f"Set {VARIABLE} to name=port,name=port, or to the path of a .toml file: a name is of letters, digits, "
     "'-', '_' and '.'."
 )
-DEFAULT_BAUD = 115_200
 
 
 @dataclass(frozen=True)
 class DeviceSetting:
-    """One device.
+    """The settings of one device.
 
     Attributes:
-        name: what requests call it.
-        address: where it is, as written; `recording` is the file if it is one to replay.
-        wire_format: the name of its format.
+        name: as requests use it.
+        address: as written; of a port, or of a recording to replay.
+        wire_format: the name of its wire format.
         baud: bits a second of a real UART.
-        tip_T_module: pose of each module in the tip frame.
+        tip_T_module: pose of each module in the tip's coordinate frame.
         record: whether it is recorded from the start.
     """
 
@@ -68,13 +67,15 @@ class DeviceSetting:
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise InvalidInput(f"{self.name!r} is no device name.", _REMEDY)
-        format_named(self.wire_format)
+        create_parser(self.wire_format)
         if self.recording is None:
-            check_address(self.address)
+            parse_address(self.address)
         else:
             check_recording(self.recording)
         if not 50 <= self.baud <= 12_000_000:
-            raise InvalidInput(f"The baud rate {self.baud} is none.", "Give the bits a second of the UART, as 115200.")
+            raise InvalidInput(
+                f"The baud rate {self.baud} is not possible.", "Give the bits a second of the UART, as 115200."
+            )
         if self.calibration is not None and len(self.calibration.modules) != len(self.tip_T_module):
             raise InvalidInput(
                 f"{len(self.calibration.modules)} modules are calibrated and {len(self.tip_T_module)} described.",
@@ -83,29 +84,29 @@ class DeviceSetting:
 
     @property
     def recording(self) -> Path | None:
-        """The file to replay, if that is what the address is."""
+        """The recording to replay, if the address names one."""
         return Path(self.address.removeprefix(_REPLAY)) if self.address.startswith(_REPLAY) else None
 
 
 @dataclass(frozen=True)
 class GatewaySetting:
-    """All devices in their order, and the folder of the recordings; None: nothing can be recorded."""
+    """The settings of all devices, and the folder for recordings; None: nothing can be recorded."""
 
     devices: tuple[DeviceSetting, ...] = ()
     recordings: Path | None = None
 
 
-def gateway_from(environment: Mapping[str, str]) -> GatewaySetting:
-    """What `PRETOUCH_GATEWAY_DEVICES` says; no device if it is empty or not set.
+def load_configuration(environment: Mapping[str, str]) -> GatewaySetting:
+    """Reads `PRETOUCH_GATEWAY_DEVICES`; no device if it is empty or not set.
 
     Raises:
-        InvalidInput: an entry or a member that cannot be, a name given twice, a file that cannot be read.
+        InvalidInput: an invalid entry or member, a name given twice, or a file that cannot be read.
     """
-    said = environment.get(VARIABLE, "").strip()
-    if said.endswith(".toml"):
-        return _from_file(Path(said))
+    value = environment.get(VARIABLE, "").strip()
+    if value.endswith(".toml"):
+        return _read_file(Path(value))
     devices: list[DeviceSetting] = []
-    for entry in filter(None, map(str.strip, said.split(","))):
+    for entry in filter(None, map(str.strip, value.split(","))):
         name, _, address = map(str.strip, entry.partition("="))
         if not name or not address:
             raise InvalidInput(f"{VARIABLE} holds {entry!r}, which is not name=port.", _REMEDY)
@@ -116,7 +117,7 @@ def gateway_from(environment: Mapping[str, str]) -> GatewaySetting:
     return GatewaySetting(tuple(devices))
 
 
-def _from_file(path: Path) -> GatewaySetting:
+def _read_file(path: Path) -> GatewaySetting:
     try:
         document = tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -127,13 +128,13 @@ def _from_file(path: Path) -> GatewaySetting:
         devices = members.get("devices", {})
         if type(devices) is not dict:
             raise InvalidInput("devices is not a table.", "Write each device as [devices.NAME].")
-        settings = tuple(_device(name, value, path.parent) for name, value in devices.items())
+        settings = tuple(_read_device(name, value, path.parent) for name, value in devices.items())
         if recordings is None and any(setting.record for setting in settings):
             raise InvalidInput("A device is to be recorded, and there is no folder.", 'Set recordings = "FOLDER".')
     return GatewaySetting(settings, recordings)
 
 
-def _device(name: str, value: object, folder: Path) -> DeviceSetting:
+def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
     with at(f"devices.{name}"):
         members = Members(value, "", ("address", "format", "baud", "calibration", "modules", "record"))
         address = members.text("address")

@@ -1,4 +1,4 @@
-"""One finger as the gateway's clients see it: its batches to everyone who listens, its history, its recording."""
+"""One finger as the gateway serves it: its batches go to the subscribers, the history and the recording."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ from pretouch.geometry import Array, Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import pose_to_proto
 from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, Calibration
-from pretouch_sensor_gateway.calibration.wire import calibration_to_proto
+from pretouch_sensor_gateway.calibration.proto_conversion import calibration_to_proto
+from pretouch_sensor_gateway.device_statistics import DeviceStatistics, ModuleStatistics
 from pretouch_sensor_gateway.history import History
+from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.recording.recorder import Recorder
 from pretouch_sensor_gateway.source import Source, SourceStatus
-from pretouch_sensor_gateway.subscription import Delivery, Subscription
-from pretouch_sensor_gateway.tally import ModuleTally, Tally
+from pretouch_sensor_gateway.subscription_queue import SubscriptionQueue
 
 
 @dataclass(frozen=True)
 class DeviceStatus:
-    """How a device fares.
+    """The status of a device.
 
     Attributes:
-        modules: counts of each.
+        modules: statistics of each.
         rate: measurements a second.
-        subscribers: listeners at this moment.
-        overrun: frames that listeners lost by being slow, all together, since the gateway started.
+        subscribers: streams open at this moment.
+        overrun: measurements that slow subscribers lost, all together, since the gateway started.
     """
 
     source: SourceStatus
-    modules: Sequence[ModuleTally]
+    modules: Sequence[ModuleStatistics]
     rate: float
     subscribers: int
     overrun: int
@@ -44,14 +45,14 @@ class Device:
     """A finger that the gateway serves.
 
     Args:
-        tip_T_module: pose of each module in the tip frame.
-        calibration: of its modules; None: ranges are taken as the device tells them.
+        tip_T_module: pose of each module in the tip's coordinate frame.
+        calibration: of its modules; None: ranges are taken as the device reports them.
         recorder: None where the gateway has no folder to record to.
 
     Attributes:
-        name: what requests call it.
-        address: where it is, as configured.
-        source: where its batches come from; to be set before `run`, and to call `deliver`.
+        name: as requests use it.
+        address: of its port or recording, as configured.
+        source: where its batches come from. It calls `deliver`, and is set after construction, before `run`.
         history: its last minutes.
     """
 
@@ -71,19 +72,19 @@ class Device:
         self.tip_T_module = tuple(tip_T_module)
         self.calibration = calibration
         self.recorder = recorder
-        self._subscriptions: set[Subscription] = set()
-        self._overrun = 0  # of listeners that have gone
-        self._tally = Tally()
-        self._tell_recorder()
+        self._subscriptions: set[SubscriptionQueue] = set()
+        self._overrun = 0  # of subscribers that have gone
+        self._statistics = DeviceStatistics()
+        self._record_configuration()
 
     async def run(self) -> None:
-        """Listens to the device until cancelled."""
+        """Runs the source until cancelled."""
         await self.source.run()
 
     @contextmanager
-    def subscribed(self) -> Iterator[Subscription]:
-        """A subscription to all batches from now on, for as long as the block lasts."""
-        subscription = Subscription()
+    def subscribe(self) -> Iterator[SubscriptionQueue]:
+        """Subscribes to all batches from now on, for as long as the block lasts."""
+        subscription = SubscriptionQueue()
         self._subscriptions.add(subscription)
         try:
             yield subscription
@@ -91,29 +92,29 @@ class Device:
             self._subscriptions.discard(subscription)
             self._overrun += subscription.overrun
 
-    def deliver(self, delivery: Delivery) -> None:
-        """Gives a batch to everyone who wants it."""
-        self._tally.add(delivery.batch, time.monotonic())
-        self.history.add(delivery.batch)
+    def deliver(self, batch: RangeBatch) -> None:
+        """Passes a batch to the statistics, the history, all subscribers and the recorder."""
+        self._statistics.add(batch, time.monotonic())
+        self.history.add(batch)
         for subscription in self._subscriptions:
-            subscription.offer(delivery)
+            subscription.put(batch)
         if self.recorder is not None and self.recorder.on:
-            self.recorder.batch(delivery.message)
+            self.recorder.record_batch(batch.message)
 
-    def happened(self, text: str) -> None:
-        """Tells the recording, if there is one, that something happened to the device."""
+    def record_event(self, text: str) -> None:
+        """Records that something happened to the device, if it is being recorded."""
         if self.recorder is not None:
-            self.recorder.event(text, time.time())
+            self.recorder.record_event(text, time.time())
 
-    def wake(self) -> None:
-        """Lets every listener look up, though there may be nothing new."""
+    def wake_subscribers(self) -> None:
+        """Wakes every subscriber, though there may be nothing new to take."""
         for subscription in self._subscriptions:
             subscription.changed.set()
 
     def configure(
         self, tip_T_module: Sequence[Pose] | None, calibration: Calibration | None, recording: bool | None
     ) -> None:
-        """Changes what is given, and leaves the rest as it is. A recording tells the change.
+        """Changes what is given, leaves the rest as it is, and records the new configuration.
 
         Raises:
             InvalidInput: there is no folder to record to.
@@ -129,10 +130,10 @@ class Device:
             self.source.calibrate(calibration)
         if recording is not None and self.recorder is not None:
             self.recorder.start() if recording else self.recorder.stop()
-        self._tell_recorder()
+        self._record_configuration()
 
     def configuration(self) -> pb.DeviceConfiguration:
-        """What now holds, as GetStatus and recordings tell it."""
+        """The present configuration, as GetStatus and recordings contain it."""
         return pb.DeviceConfiguration(
             tip_t_module=[pose_to_proto(pose) for pose in self.tip_T_module],
             calibration=None if self.calibration is None else calibration_to_proto(self.calibration),
@@ -146,18 +147,18 @@ class Device:
         return self.calibration.std_at(ranges)
 
     def now(self) -> float:
-        """The present, s since the Unix epoch, by the clock of the device's batches."""
+        """The present, Unix time, s, by the clock of the device's batches."""
         return self.source.now()
 
     def status(self) -> DeviceStatus:
         return DeviceStatus(
             source=self.source.status(),
-            modules=self._tally.modules,
-            rate=self._tally.rate(time.monotonic()),
+            modules=self._statistics.modules,
+            rate=self._statistics.rate(time.monotonic()),
             subscribers=len(self._subscriptions),
             overrun=self._overrun + sum(subscription.overrun for subscription in self._subscriptions),
         )
 
-    def _tell_recorder(self) -> None:
+    def _record_configuration(self) -> None:
         if self.recorder is not None:
-            self.recorder.configuration(self.configuration(), time.time())
+            self.recorder.record_configuration(self.configuration(), time.time())

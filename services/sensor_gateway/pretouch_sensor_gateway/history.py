@@ -1,4 +1,4 @@
-"""The last ten minutes of one device: its measurements, and the tip poses that robots told."""
+"""The last ten minutes of one device: its measurements, and the tip poses that robots sent."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ from collections import deque
 
 import numpy as np
 
-from pretouch_sensor_gateway.batch import Batch
-from pretouch_sensor_gateway.frames import Frames
-from pretouch_sensor_gateway.poses import PosePath
+from pretouch_sensor_gateway.measurements import Measurements
+from pretouch_sensor_gateway.pose_path import PosePath
+from pretouch_sensor_gateway.range_batch import RangeBatch
 
 SPAN = 600.0
 """Seconds remembered."""
-MAX_FRAMES = 131_072
+MAX_MEASUREMENTS = 131_072
 """Measurements remembered: `SPAN` at 200 Hz; of a faster device less time is remembered."""
 _FIRST_CAPACITY = 1024
 MAX_PATHS = 16
-"""Pose paths remembered, one for each robot's call that told any; the oldest goes."""
+"""Pose paths remembered, one for each StreamPoints call that sent poses; beyond that the oldest goes."""
 
 
 class History:
-    """What a later question may be about; bounded in time and number.
+    """Keeps what GetSamples may ask for; bounded in time and number.
 
-    Measurements lie in one ring of fixed-size rows, which takes 4 MB for ten minutes of six modules at 30 Hz. A device
-    that changes its number of modules is another device: what was before is forgotten.
+    Measurements are stored in one ring buffer of fixed-size rows, which takes 4 MB for ten minutes of six modules at
+    30 Hz. A device that changes its number of modules is another device: the measurements before are forgotten.
     """
 
     def __init__(self) -> None:
         self._rows = np.zeros(0, dtype=_row(0))
         self._modules = 0
-        self._count = 0  # rows ever written to this ring
+        self._count = 0  # rows ever written to this ring buffer
         self._paths: deque[PosePath] = deque(maxlen=MAX_PATHS)
 
-    def add(self, batch: Batch) -> None:
+    def add(self, batch: RangeBatch) -> None:
         if batch.modules != self._modules or not len(self._rows):
             self._rows = np.zeros(_FIRST_CAPACITY, dtype=_row(batch.modules))
             self._modules, self._count = batch.modules, 0
@@ -47,25 +47,25 @@ class History:
             )
             self._count += 1
 
-    def remember(self, path: PosePath) -> None:
-        """Keeps `path`, which may go on growing."""
+    def add_path(self, path: PosePath) -> None:
+        """Remembers `path`, to which poses may still be appended."""
         self._paths.append(path)
 
-    def between(self, start: float, end: float) -> tuple[Frames, list[PosePath]]:
-        """Copies of the measurements within the span, s since the Unix epoch, and of the paths, the newest first."""
+    def between(self, start: float, end: float) -> tuple[Measurements, list[PosePath]]:
+        """Copies of the measurements between two Unix times, s, and of the paths, the newest path first."""
         rows = self._rows[: self._count]
         rows = rows[(rows["t"] >= max(start, self._newest() - SPAN)) & (rows["t"] <= end)]
         rows = rows[np.argsort(rows["t"], kind="stable")]
-        frames = Frames(rows["t"], rows["time_std"], rows["range"], rows["status"], rows["flags"])
-        return frames, [path.between(start, end) for path in reversed(self._paths)]
+        measurements = Measurements(rows["t"], rows["time_std"], rows["range"], rows["status"], rows["flags"])
+        return measurements, [path.between(start, end) for path in reversed(self._paths)]
 
     def _newest(self) -> float:
         return float(self._rows["t"][(self._count - 1) % len(self._rows)]) if self._count else 0.0
 
     def _make_room(self, t: float) -> None:
-        """Doubles a full ring whose oldest row is still to be remembered when one of time `t` is written."""
+        """Doubles a full ring buffer whose oldest row must still be remembered when a row of time `t` is written."""
         size = len(self._rows)
-        if self._count < size or self._count % size or size >= MAX_FRAMES:
+        if self._count < size or self._count % size or size >= MAX_MEASUREMENTS:
             return
         if abs(t - float(self._rows["t"][0])) <= SPAN:
             self._rows = np.concatenate([self._rows, np.zeros(size, dtype=self._rows.dtype)])

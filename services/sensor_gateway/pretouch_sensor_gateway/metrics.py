@@ -11,7 +11,7 @@ from pretouch_sensor_gateway.device import Device, DeviceStatus
 from pretouch_sensor_gateway.source import DeviceState
 
 _COUNTS: tuple[tuple[str, str, Callable[[DeviceStatus], int]], ...] = (
-    ("frames", "Good frames of a device.", lambda status: status.source.frames),
+    ("frames", "Good frames of a device.", lambda status: status.source.measurements),
     ("bad_frames", "Frames of a device that were refused.", lambda status: status.source.refused.total()),
     ("lost_frames", "Frames of a device missing by sequence number.", lambda status: status.source.lost),
     ("untimed_frames", "Good frames given up for want of a clock.", lambda status: status.source.untimed),

@@ -1,4 +1,4 @@
-"""A device on a port: what the link hears goes through the intake, what the intake wants to say goes out."""
+"""A device on a port: bytes that are read go into the pipeline, and what the pipeline wants to send is written."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Callable
 
 import structlog
 
-from pretouch_sensor_gateway.batch import Batch
 from pretouch_sensor_gateway.calibration.model import Calibration
-from pretouch_sensor_gateway.intake import Intake
+from pretouch_sensor_gateway.measurement_pipeline import MeasurementPipeline
+from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.source import DeviceState, SourceStatus
 from pretouch_sensor_gateway.transport.link import Link, LinkState
-from pretouch_sensor_gateway.wire_formats.received import Refusal, WireFormat
+from pretouch_sensor_gateway.wire_formats.parser import Parser, Refusal
 
 SILENT_AFTER = 1.0
 """Seconds without a good frame after which an open port counts as silent."""
@@ -29,115 +29,116 @@ class SerialSource:
 
     Args:
         deliver: gets each batch, on the event loop.
-        happened: is told what a person should know of the line, as a sentence.
+        record_event: gets what a person should know of the port, as a sentence.
         baud: bits a second of a real UART; USB and sockets ignore it.
     """
 
     def __init__(
         self,
         address: str,
-        wire_format: WireFormat,
+        parser: Parser,
         baud: int,
         calibration: Calibration | None,
-        deliver: Callable[[Batch], None],
-        happened: Callable[[str], None],
+        deliver: Callable[[RangeBatch], None],
+        record_event: Callable[[str], None],
         log: structlog.typing.FilteringBoundLogger,
     ) -> None:
         self._log = log
         self._link = Link(address, self, log, baud)
-        self._intake = Intake(wire_format, _BITS_PER_BYTE / baud, calibration)
+        self._pipeline = MeasurementPipeline(parser, _BITS_PER_BYTE / baud, calibration)
         self._deliver = deliver
-        self._happened = happened
-        self._talk = asyncio.Event()
+        self._record_event = record_event
+        self._send_due = asyncio.Event()
         self._opened_at = -float("inf")
         self._refused_before: Counter[Refusal] = Counter()  # the last good frame, or the opening
 
     async def run(self) -> None:
-        """Reads the port and answers for the handshake, until cancelled."""
+        """Reads the port and sends pings, until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._link.run())
-            tasks.create_task(self._keep_talking())
+            tasks.create_task(self._send())
 
     def calibrate(self, calibration: Calibration | None) -> None:
-        self._intake.calibrate(calibration)
+        self._pipeline.calibrate(calibration)
 
     def now(self) -> float:
         return time.time()
 
     def status(self) -> SourceStatus:
         now = time.monotonic()
-        intake = self._intake
+        pipeline = self._pipeline
         return SourceStatus(
             state=self._state(now),
             problem=self._problem(now),
-            format=intake.format_name,
-            identity=intake.identity,
-            epoch=intake.epoch,
+            format=pipeline.format_name,
+            identity=pipeline.identity,
+            epoch=pipeline.epoch,
             connections=self._link.connections,
-            frames=intake.frames,
-            refused=intake.refused,
-            lost=intake.lost,
-            untimed=intake.untimed,
-            clock=intake.clock,
+            measurements=pipeline.measurements,
+            refused=pipeline.refused,
+            lost=pipeline.lost,
+            untimed=pipeline.untimed,
+            clock=pipeline.clock,
         )
 
     def opened(self, at: float) -> None:
         self._opened_at = at
-        self._refused_before = self._intake.refused
-        self._happened("The port was opened.")
-        self._intake.opened(at)
-        self._talk.set()
+        self._refused_before = self._pipeline.refused
+        self._record_event("The port was opened.")
+        self._pipeline.port_opened(at)
+        self._send_due.set()
 
     def closed(self, at: float) -> None:
-        self._happened(f"The port was lost: {self._link.problem}")
-        self._intake.closed()
+        self._record_event(f"The port was lost: {self._link.problem}")
+        self._pipeline.port_closed()
 
     def received(self, data: bytes, at: float) -> None:
-        epoch = self._intake.epoch
-        for batch in self._intake.received(data, at, _unix_time(at)):
+        epoch = self._pipeline.epoch
+        for batch in self._pipeline.feed(data, at, _unix_time(at)):
             self._deliver(batch)
-        if self._intake.last_good == at:
-            self._refused_before = self._intake.refused
-        if self._intake.epoch != epoch:
-            self._log.info("the device started anew", epoch=self._intake.epoch)
-            self._happened(f"The device started anew: epoch {self._intake.epoch}.")
-        if self._intake.next_send <= at:
-            self._talk.set()
+        if self._pipeline.last_accepted == at:
+            self._refused_before = self._pipeline.refused
+        if self._pipeline.epoch != epoch:
+            self._log.info("the device restarted", epoch=self._pipeline.epoch)
+            self._record_event(f"The device restarted: epoch {self._pipeline.epoch}.")
+        if self._pipeline.next_send <= at:
+            self._send_due.set()
 
-    async def _keep_talking(self) -> None:
+    async def _send(self) -> None:
+        """Sends what the pipeline wants to send, whenever it is due."""
         while True:
-            self._talk.clear()
+            self._send_due.clear()
             if self._link.state is LinkState.OPEN:
-                self._link.write(self._intake.outgoing(time.monotonic()))
-                wait = self._intake.next_send - time.monotonic()
+                self._link.write(self._pipeline.take_outgoing(time.monotonic()))
+                wait = self._pipeline.next_send - time.monotonic()
             else:
                 wait = float("inf")
             try:
                 async with asyncio.timeout(None if wait == float("inf") else max(0.0, wait)):
-                    await self._talk.wait()
+                    await self._send_due.wait()
             except TimeoutError:
                 continue
 
     def _state(self, now: float) -> DeviceState:
         if self._link.state is not LinkState.OPEN:
             return DeviceState.CONNECTING
-        if now - self._intake.last_good <= SILENT_AFTER:
+        if now - self._pipeline.last_accepted <= SILENT_AFTER:
             return DeviceState.STREAMING
         return DeviceState.CONNECTING if now - self._opened_at <= SILENT_AFTER else DeviceState.SILENT
 
     def _problem(self, now: float) -> str:
         if self._link.state is not LinkState.OPEN:
             return self._link.problem
-        if now - max(self._intake.last_good, self._opened_at) > SILENT_AFTER:
-            refused = (self._intake.refused - self._refused_before).most_common(1)
+        if now - max(self._pipeline.last_accepted, self._opened_at) > SILENT_AFTER:
+            refused = (self._pipeline.refused - self._refused_before).most_common(1)
             if not refused:
-                return "The port is open but nothing comes that ends a frame."
+                return "The port is open, but no complete frame or line arrives."
             return f"The port is open but no good frame comes; most were refused because: {refused[0][0].value}."
-        return self._intake.problem() if now - self._opened_at > SILENT_AFTER else ""
+        return self._pipeline.problem() if now - self._opened_at > SILENT_AFTER else ""
 
 
 def _unix_time(at: float) -> float:
-    """Seconds since the Unix epoch at the recent host time `at`, s."""
+    """Unix time at the recent host time `at`, s."""
     while True:
         before, unix, after = time.monotonic(), time.time(), time.monotonic()
         if after - before < _SAME_MOMENT:

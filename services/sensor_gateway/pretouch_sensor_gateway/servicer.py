@@ -12,17 +12,16 @@ from pretouch.serving import ServiceContext
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceServicer
 from pretouch.wire.common import pose_from_proto, samples_to_proto
-from pretouch_sensor_gateway.calibration.wire import calibration_from_proto
+from pretouch_sensor_gateway.calibration.proto_conversion import calibration_from_proto
 from pretouch_sensor_gateway.configuration import VARIABLE
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.fusion import fuse_span
 from pretouch_sensor_gateway.point_stream import PointStream
-from pretouch_sensor_gateway.status_wire import device_to_proto, status_to_proto
-from pretouch_sensor_gateway.wire import points_to_proto
+from pretouch_sensor_gateway.proto_conversion import device_to_proto, points_to_proto, status_to_proto
 
 
 class SensorGatewayServicer(SensorGatewayServiceServicer):
-    """Answers for `devices`."""
+    """Serves `devices`."""
 
     def __init__(self, devices: Sequence[Device], context: ServiceContext) -> None:
         self._devices = {device.name: device for device in devices}
@@ -46,16 +45,16 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
     async def StreamRanges(
         self, request: pb.StreamRangesRequest, context: Any
     ) -> AsyncIterator[pb.StreamRangesResponse]:
-        with self._device(request.device).subscribed() as subscription:
-            await context.send_initial_metadata(())  # tells the client that from now on it misses nothing
+        with self._device(request.device).subscribe() as subscription:
+            await context.send_initial_metadata(())  # lets the client know that from now on it gets every batch
             while True:
                 await subscription.changed.wait()
                 subscription.changed.clear()
                 if self._context.draining.is_set():
                     raise _stopping()
-                deliveries, overrun = subscription.take()
-                for delivery in deliveries:
-                    yield pb.StreamRangesResponse(batch=delivery.message, overrun=overrun)
+                batches, overrun = subscription.take()
+                for batch in batches:
+                    yield pb.StreamRangesResponse(batch=batch.message, overrun=overrun)
                     overrun = 0
 
     async def StreamPoints(
@@ -66,11 +65,11 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
         if first is None:
             raise InvalidInput("The call ended without a message.", "Send a first message that names the device.")
         device = self._device(first.device)
-        with device.subscribed() as subscription:
+        with device.subscribe() as subscription:
             await context.send_initial_metadata(())
             stream = PointStream(device, subscription, first, requests)
-            async with aclosing(stream.batches(self._context.draining)) as batches:
-                async for fused, lost, overrun in batches:
+            async with aclosing(stream.fuse(self._context.draining)) as responses:
+                async for fused, lost, overrun in responses:
                     yield points_to_proto(fused, lost, overrun)
             if self._context.draining.is_set():
                 raise _stopping()
@@ -79,7 +78,7 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
         start, end = getattr(request, "from"), request.to
         if not (math.isfinite(start) and math.isfinite(end) and start <= end):
             raise InvalidInput(
-                f"The span from {start:g} to {end:g} is none.", "Send seconds since the Unix epoch, from before to."
+                f"The span from {start:g} to {end:g} is not valid.", "Send Unix times in seconds, from before to."
             )
         span = self._device(request.device).history.between(start, end)
         return pb.GetSamplesResponse(samples=samples_to_proto(await self._context.run_in_thread(fuse_span, *span)))

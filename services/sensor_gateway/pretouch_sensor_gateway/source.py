@@ -1,4 +1,4 @@
-"""Where a device's batches come from: a port, or a recording. What is known of it."""
+"""What a source of batches is, a device on a port or a recording, and the status that it reports."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from enum import Enum
 from typing import Protocol
 
 from pretouch_sensor_gateway.calibration.model import Calibration
-from pretouch_sensor_gateway.wire_formats.received import Identity, Refusal
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Refusal
 
 
 class DeviceState(Enum):
-    """How a device's connection fares."""
+    """The state of a device's connection."""
 
     CONNECTING = "opening the port, or waiting to try again"
     STREAMING = "frames arrive"
@@ -27,8 +27,8 @@ class ClockState:
     Attributes:
         synchronised: whether its time is known.
         drift: s/s by which it runs fast, 0 while unknown.
-        std: one standard deviation of a frame's time, s; NaN while unknown.
-        round_trip: least round trip of the recent pings, s; 0 if there are none.
+        std: one standard deviation of a measurement's time, s; NaN while unknown.
+        round_trip: shortest round trip of the recent pings, s; 0 if there are none.
         host_jumps: how often the host's own clock was seen to jump.
     """
 
@@ -41,17 +41,17 @@ class ClockState:
 
 @dataclass(frozen=True)
 class SourceStatus:
-    """How a source fares. Counts are since the gateway started; every good frame is delivered, or one of the losses.
+    """The status of a source. Counts are since the gateway started.
 
     Attributes:
         problem: what is wrong, "" if nothing is.
         format: the wire format in use, "" while it is not recognised.
-        epoch: how often the device was seen to start anew.
+        epoch: number of the boot session: how often the device was seen to restart.
         connections: how often the port was opened.
-        frames: good ones.
-        refused: by reason.
-        lost: missing by sequence number.
-        untimed: good ones given up because the device's time was not known.
+        measurements: delivered in batches.
+        refused: frames or lines, by reason.
+        lost: measurements missing by sequence number.
+        untimed: good measurements given up because the device's time was not known.
     """
 
     state: DeviceState
@@ -60,7 +60,7 @@ class SourceStatus:
     identity: Identity | None = None
     epoch: int = 0
     connections: int = 0
-    frames: int = 0
+    measurements: int = 0
     refused: Counter[Refusal] = field(default_factory=Counter)
     lost: int = 0
     untimed: int = 0
@@ -68,16 +68,18 @@ class SourceStatus:
 
 
 class Source(Protocol):
-    """Gives batches to whom it was told to, until cancelled or ended."""
+    """Delivers a device's batches."""
 
-    async def run(self) -> None: ...
+    async def run(self) -> None:
+        """Delivers batches until cancelled, or until the recording ends."""
+        ...
 
     def status(self) -> SourceStatus: ...
 
     def now(self) -> float:
-        """The present, s since the Unix epoch: of a recording, when its last batch was measured."""
+        """The present, Unix time, s: of a recording, when its last batch was measured."""
         ...
 
     def calibrate(self, calibration: Calibration | None) -> None:
-        """Takes ranges by this calibration from now on; None: as the device tells them."""
+        """Calibrates ranges by `calibration` from now on; None: takes them as the device reports them."""
         ...

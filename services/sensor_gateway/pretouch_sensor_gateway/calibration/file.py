@@ -1,4 +1,4 @@
-"""A calibration as a JSON file that a person can read, and write from the first four members alone.
+"""Saves and loads a calibration as a JSON file, which a person can read, and write with the first four members alone.
 
 {
  "version": 1,
@@ -7,7 +7,7 @@
  "modules": [
   {"offset_m": 0.0031, "scale": 1.012, "crosstalk_per_m2": 0.0, "std_m": 0.0008, "std_slope": 0.011},
   ...],
- "made": {"date": ..., "device": ..., "modules": [...]}          how, see `record.py`; may be left out
+ "made": {"date": ..., "device": ..., "modules": [...]}          see `record.py`; may be left out
 }
 """
 
@@ -23,7 +23,7 @@ from typing import Any
 from pretouch.errors import InvalidInput, Malformed
 from pretouch.wire.reader import Members, at, integer, number
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
-from pretouch_sensor_gateway.calibration.record import ModuleFit, Point, Record, StandardErrors
+from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit, Point, StandardErrors
 
 VERSION = 1
 MAX_BYTES = 4 * 1024 * 1024
@@ -38,11 +38,11 @@ _POINT = ("distance_m", "mean_m", "std_m", "samples", "outliers_m", "residual_m"
 _REMEDY = "Mend the file, or make a new one: pretouch gateway calibrate."
 
 
-def save(path: Path, calibration: Calibration, record: Record | None = None) -> None:
-    """Writes the file whole or not at all: a reader meets the file as it was or as it is, never half of it.
+def save(path: Path, calibration: Calibration, record: CalibrationRecord | None = None) -> None:
+    """Saves atomically: a reader sees either the old file or the new one, never half of it.
 
     Raises:
-        InvalidInput: it cannot be written there.
+        InvalidInput: it cannot be written.
     """
     document = {
         "version": VERSION,
@@ -60,7 +60,7 @@ def save(path: Path, calibration: Calibration, record: Record | None = None) -> 
     try:
         try:
             with half.open("w", encoding="utf-8") as file:
-                file.write(_laid_out(document) + "\n")
+                file.write(_layout(document) + "\n")
                 file.flush()
                 os.fsync(file.fileno())
             half.replace(path)
@@ -70,12 +70,12 @@ def save(path: Path, calibration: Calibration, record: Record | None = None) -> 
         raise InvalidInput(f"{path} cannot be written: {error.strerror}.", "Check the folder.") from error
 
 
-def load(path: Path) -> tuple[Calibration, Record | None]:
-    """The calibration, and how it was made if the file says so.
+def load(path: Path) -> tuple[Calibration, CalibrationRecord | None]:
+    """Loads a calibration, and the record of how it was made if the file has one.
 
     Raises:
-        InvalidInput: it cannot be read, a member is missing, unknown, of another type or makes no sense.
-        Malformed: it is no JSON (cut off, for one), or holds a number that is not finite.
+        InvalidInput: it cannot be read, or a member is missing, unknown, or of an invalid type or value.
+        Malformed: it is not JSON (truncated, for example), or contains a number that is not finite.
     """
     try:
         return _read(path)
@@ -83,7 +83,7 @@ def load(path: Path) -> tuple[Calibration, Record | None]:
         raise type(error)(f"{path}: {error.detail}", _REMEDY) from error
 
 
-def _read(path: Path) -> tuple[Calibration, Record | None]:
+def _read(path: Path) -> tuple[Calibration, CalibrationRecord | None]:
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
@@ -111,7 +111,7 @@ def _module(value: object, path: str) -> ModuleCalibration:
         return ModuleCalibration(**numbers)
 
 
-def _record(document: Members, modules: tuple[ModuleCalibration, ...]) -> Record:
+def _record(document: Members, modules: tuple[ModuleCalibration, ...]) -> CalibrationRecord:
     members = document.members("made", ("date", "device", "modules"))
     date = members.text("date")
     try:
@@ -122,7 +122,7 @@ def _record(document: Members, modules: tuple[ModuleCalibration, ...]) -> Record
     if len(fits) != len(modules):
         raise InvalidInput(f"made.modules has {len(fits)} items, modules {len(modules)}.")
     pairs = enumerate(zip(modules, fits, strict=True))
-    return Record(
+    return CalibrationRecord(
         date, members.text("device"), tuple(_fit(module, fit, f"made.modules[{k}]") for k, (module, fit) in pairs)
     )
 
@@ -176,8 +176,8 @@ def _named(values: dict[str, float]) -> dict[str, float]:
     return {_MODULE[name]: value for name, value in values.items()}
 
 
-def _laid_out(value: Any, depth: int = 0) -> str:
-    """JSON with a line for each member or item, except those of which a line can hold all."""
+def _layout(value: Any, depth: int = 0) -> str:
+    """JSON with a line for each member or item, except where all fit on one line."""
     whole = json.dumps(value, allow_nan=False)
     if not isinstance(value, dict | list) or (len(whole) <= 160 and depth):
         return whole
@@ -186,11 +186,11 @@ def _laid_out(value: Any, depth: int = 0) -> str:
         return (
             "{"
             + margin
-            + f",{margin}".join(f"{json.dumps(name)}: {_laid_out(item, depth + 1)}" for name, item in value.items())
+            + f",{margin}".join(f"{json.dumps(name)}: {_layout(item, depth + 1)}" for name, item in value.items())
             + margin[:-1]
             + "}"
         )
-    return "[" + margin + f",{margin}".join(_laid_out(item, depth + 1) for item in value) + margin[:-1] + "]"
+    return "[" + margin + f",{margin}".join(_layout(item, depth + 1) for item in value) + margin[:-1] + "]"
 
 
 def _not_finite(constant: str) -> float:

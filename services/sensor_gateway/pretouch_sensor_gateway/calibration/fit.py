@@ -1,4 +1,4 @@
-"""A module's calibration from what it read at known distances."""
+"""Fits a module's calibration to its readings at known distances."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 from pretouch_sensor_gateway.calibration.model import ModuleCalibration
 from pretouch_sensor_gateway.calibration.noise import LEAST_STD, SIGNIFICANT, fit_noise
-from pretouch_sensor_gateway.calibration.readings import cleaned, step_of
+from pretouch_sensor_gateway.calibration.readings import find_step, reject_outliers
 from pretouch_sensor_gateway.calibration.record import ModuleFit, Point, StandardErrors
 
 PLACEMENT_STD = 0.0002
-"""m, how exactly a plate is placed by hand against gauge blocks or a calliper. It keeps a fit to a thousand readings
-from believing in micrometres, and where there are no more distances than parameters it is all that tells of errors."""
+"""m, how exactly a plate is placed by hand against gauge blocks or a calliper. It keeps the standard errors of a fit to
+thousands of readings realistic, and is their only source where there are no more distances than parameters."""
 _START = (0.0, 1.0, 0.0)
 _SCALES = (1e-3, 1e-2, 1.0)
 _MOST_GLASS = 0.9
 """Of the target's own light: the farthest distance stays within the reach, and the curve can be inverted."""
 
 
-def fit(readings: Mapping[float, Array]) -> ModuleFit:
+def fit_module(readings: Mapping[float, Array]) -> ModuleFit:
     """Fits the model of `model.py` to readings at one distance or more.
 
-    One distance tells the offset, two the scale too. Three or more could tell the crosstalk, which is taken only if it
-    exceeds two of its standard errors; else it is exactly 0 and the other parameters are fitted without it. Standard
+    One distance determines the offset, two the scale too. Three or more determine the crosstalk, which is kept only if
+    it exceeds two of its standard errors; else it is exactly 0 and the other parameters are fitted without it. Standard
     errors come from the readings' noise, their steps, and `PLACEMENT_STD`; if the residuals are larger than these
     explain, they grow accordingly.
 
     Args:
-        readings: distance in m -> readings (n,), m, finite, of status 0; a distance without readings is none.
+        readings: distance in m -> readings (n,), m, finite, of status 0; a distance without readings is ignored.
     """
     measured = {distance: values for distance, values in sorted(readings.items()) if len(values)}
     if not measured:
         return ModuleFit(problem="It returned too little at every distance.")
-    step = step_of(measured.values())
-    points = tuple(cleaned(distance, values, step) for distance, values in measured.items())
+    step = find_step(measured.values())
+    points = tuple(reject_outliers(distance, values, step) for distance, values in measured.items())
     values, errors = _curve(points, step)
     try:
         curve = ModuleCalibration(**values)
@@ -69,7 +69,7 @@ def _named(numbers: Sequence[float]) -> dict[str, float]:
 
 
 def _error_of_mean(point: Point, step: float) -> float:
-    """One standard deviation of the mean reading about what the model says, m.
+    """One standard deviation of the mean reading about the model, m.
 
     Noise of half a step or more averages the rounding out; without noise it stays. What is left of its step / sqrt(12)
     falls as exp(-2 pi^2 (std / step)^2) (Widrow and Kollar, Quantization Noise, 2008: the first harmonic).

@@ -62,7 +62,7 @@ def _distance(raw: Array, offset: Array | float, per_scale: Array | float, four_
 
 @dataclass(frozen=True)
 class ModuleCalibration:
-    """One module. The defaults are a module that nobody has calibrated: readings are distances.
+    """One module. The defaults are an uncalibrated module, whose readings are taken as distances.
 
     Attributes:
         offset: m that it reads at distance 0.
@@ -91,7 +91,7 @@ class ModuleCalibration:
 
     @property
     def reach(self) -> float:
-        """m: the farthest distance that can be told; infinite without crosstalk."""
+        """m: the farthest distance that can be measured; infinite without crosstalk."""
         return 1 / math.sqrt(self.crosstalk) if self.crosstalk else math.inf
 
     def reading(self, distance: Array) -> Array:
@@ -116,7 +116,7 @@ class ModuleCalibration:
 
 
 UNCALIBRATED = ModuleCalibration()
-"""Readings are distances, and their noise is that of the better sensors of this kind."""
+"""Readings are taken as distances, with the noise of the better sensors of this kind."""
 
 
 @dataclass(frozen=True)

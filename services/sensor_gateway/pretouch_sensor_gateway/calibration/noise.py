@@ -1,4 +1,4 @@
-"""How a module's noise grows with the distance."""
+"""Fits how a module's noise grows with the distance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pretouch_sensor_gateway.calibration.model import ModuleCalibration
 from pretouch_sensor_gateway.calibration.record import Point
 
 LEAST_STD = 1e-5
-"""m: no module is better, and no weight may be infinite."""
+"""m: no module is better; it also keeps weights finite."""
 SIGNIFICANT = 2.0
 """Standard errors beyond which a parameter is taken; it is 0 within them."""
 _ROUNDS = 5

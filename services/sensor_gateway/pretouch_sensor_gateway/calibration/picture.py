@@ -1,4 +1,4 @@
-"""A picture of a calibration: each module's residuals before and after, its noise, and its parameters."""
+"""Draws a calibration: each module's residuals before and after, its noise, and its parameters."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from matplotlib.lines import Line2D
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 from pretouch_sensor_gateway.calibration.model import Calibration
-from pretouch_sensor_gateway.calibration.record import ModuleFit, Record
+from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit
 
 _BEFORE, _AFTER, _OUTLIER = "#5f6b76", "#00798c", "#d1495b"
 _ROW = 2.1
 """inches"""
 
 
-def write_picture(path: Path, calibration: Calibration, record: Record) -> None:
+def write_picture(path: Path, calibration: Calibration, record: CalibrationRecord) -> None:
     """Writes a .png with a row for each module.
 
     From left to right: reading minus distance with the fitted curve and the outliers; calibrated mean minus distance;

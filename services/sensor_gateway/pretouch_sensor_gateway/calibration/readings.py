@@ -1,4 +1,4 @@
-"""What a module read at one distance: without the outliers, and in which steps."""
+"""Statistics of the readings at one distance: outliers, noise, and the step that readings are multiples of."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ _REJECTED = 5.0
 _MAD_TO_STD = 1.4826
 """Of a normal distribution."""
 _LEAST_SPREAD = 5e-5
-"""m: readings that all but agree make no outlier of one that does not quite."""
+"""m: least spread assumed, so that readings that nearly agree do not make an outlier of one that is slightly off."""
 _UNIT = 1e-5
 """m: a tenth of the finest step that a wire format can send."""
 
 _LEAST_RETURNS = 10
 _LEAST_SHARE = 0.25
-"""Of the measurements at a distance that a module must have answered to be used there."""
+"""Of the measurements at a distance for which a module must have a range to be used there."""
 
 
-def returns(raw: Array) -> list[Array]:
-    """The readings (n,) of each module out of raw (f, k), NaN where it gave none; (0,) if it hardly answered."""
+def split_by_module(raw: Array) -> list[Array]:
+    """Each module's readings (n,) out of raw (f, k), NaN where it has none; (0,) of a module with too few returns."""
     least = max(_LEAST_RETURNS, _LEAST_SHARE * len(raw))
     columns = [column[np.isfinite(column)] for column in raw.T]
     return [column if len(column) >= least else column[:0] for column in columns]
 
 
-def step_of(readings: Iterable[Array]) -> float:
+def find_step(readings: Iterable[Array]) -> float:
     """The step, m, that all readings are multiples of; 0 if none is visible."""
     units = np.unique(np.concatenate(list(readings))) / _UNIT
     whole = np.round(units)
@@ -39,8 +39,8 @@ def step_of(readings: Iterable[Array]) -> float:
     return float(np.gcd.reduce(np.diff(whole).astype(np.int64)) * _UNIT)
 
 
-def cleaned(distance: float, readings: Array, step: float) -> Point:
-    """Readings (n,), m, n > 0, finite, of which the outliers are told apart.
+def reject_outliers(distance: float, readings: Array, step: float) -> Point:
+    """Separates the outliers from readings (n,), m, n > 0, finite.
 
     An outlier lies more than five standard deviations from the median, these estimated from the median absolute
     deviation, and never less than half a step: where the noise is less than a step, most readings agree.
@@ -54,7 +54,7 @@ def cleaned(distance: float, readings: Array, step: float) -> Point:
     return Point(distance, round(float(kept.mean()), 7), round(std, 7), len(kept), outliers)
 
 
-def spread(readings: Array) -> float:
+def noise_std(readings: Array) -> float:
     """One standard deviation, m, of readings (n,) without the outliers; not less than rounding alone makes."""
-    step = step_of([readings])
-    return max(cleaned(0.0, readings, step).std, step / float(np.sqrt(12)))
+    step = find_step([readings])
+    return max(reject_outliers(0.0, readings, step).std, step / float(np.sqrt(12)))

@@ -1,4 +1,4 @@
-"""How a calibration was made: what was measured, what was fitted to it, and how well that fits."""
+"""The record of how a calibration was made: the measurements, the fit, and its residuals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, ModuleCalibr
 
 @dataclass(frozen=True)
 class Point:
-    """What one module read with the plate at one distance.
+    """The readings of one module with the plate at one distance.
 
     Attributes:
         distance: of the plate, m.
@@ -40,7 +40,7 @@ class StandardErrors:
 
 @dataclass(frozen=True)
 class ModuleFit:
-    """One module's calibration and what it rests on.
+    """One module's calibration and the measurements that it was fitted to.
 
     Attributes:
         calibration: the fitted model; `UNCALIBRATED` where there is a problem.
@@ -58,7 +58,7 @@ class ModuleFit:
 
 
 @dataclass(frozen=True)
-class Record:
+class CalibrationRecord:
     """All modules of a device.
 
     Attributes:

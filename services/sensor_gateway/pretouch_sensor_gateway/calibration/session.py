@@ -1,4 +1,4 @@
-"""The conversation with the person who holds the plate: distance after distance, until all are measured."""
+"""The interactive session: asks for the plate at one distance after the other, and measures at each."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array
-from pretouch_sensor_gateway.calibration.motion import motion
-from pretouch_sensor_gateway.calibration.readings import cleaned, returns, spread, step_of
-from pretouch_sensor_gateway.calibration.subject import Frames
+from pretouch_sensor_gateway.calibration.device_client import RawReadings
+from pretouch_sensor_gateway.calibration.motion_check import describe_motion
+from pretouch_sensor_gateway.calibration.readings import find_step, noise_std, reject_outliers, split_by_module
 
 
-class Measured(Protocol):
-    """What the session needs of a `Subject`."""
+class RangeReader(Protocol):
+    """What the session needs of a `DeviceClient`."""
 
-    def frames(self, count: int, told: Callable[[int], None]) -> Frames: ...
+    def read(self, count: int, on_progress: Callable[[int], None]) -> RawReadings: ...
 
 
 @dataclass(frozen=True)
@@ -34,23 +34,23 @@ class Plan:
 
 
 class Session:
-    """Measures a plan.
+    """Measures at the distances of a plan.
 
     Args:
-        subject: the device.
+        reader: reads the device.
         plan: what to measure.
-        console: where it is talked about.
-        ask: prints a question and returns the line that was answered; EOFError and KeyboardInterrupt end the session.
+        console: where progress and problems are printed.
+        ask: prints a question and returns the line typed; EOFError and KeyboardInterrupt end the session.
 
     Attributes:
         readings: distance, m -> (f, k), m, NaN where a module gave none; as far as the session has come.
         modules: k; 0 before the first measurement.
     """
 
-    def __init__(self, subject: Measured, plan: Plan, console: Console, ask: Callable[[str], str]) -> None:
+    def __init__(self, reader: RangeReader, plan: Plan, console: Console, ask: Callable[[str], str]) -> None:
         self.readings: dict[float, Array] = {}
         self.modules = 0
-        self._subject = subject
+        self._reader = reader
         self._plan = plan
         self._console = console
         self._ask = ask
@@ -58,10 +58,10 @@ class Session:
         self._refused: dict[float, list[list[float]]] = {}
 
     def run(self) -> bool:
-        """Whether it came to its end; False: it was interrupted, and what was measured stays in `readings`."""
+        """Runs the session; False if it was interrupted: what was measured until then is in `readings`."""
         try:
             self._warm_up()
-            self._converse()
+            self._measure_all()
         except (KeyboardInterrupt, EOFError):
             self._console.print()
             return False
@@ -80,88 +80,94 @@ class Session:
         except KeyboardInterrupt:
             self._console.print("The rest of the warm-up is left out.")
 
-    def _converse(self) -> None:
-        ahead, behind = deque(self._plan.distances), list[float]()
+    def _measure_all(self) -> None:
+        """Asks for each distance in turn; the user may skip one or go back."""
+        todo, done = deque(self._plan.distances), list[float]()
         while True:
-            here = ahead[0] if ahead else None
+            here = todo[0] if todo else None
             choices = [] if here is None else ["s: skip"]
-            choices += [f"r: repeat {_mm(behind[-1])}"] if behind else []
-            question = _question(here) + (f" ({', '.join(choices)}) " if choices else " ")
+            choices += [f"r: repeat {_mm(done[-1])}"] if done else []
+            question = _prompt(here) + (f" ({', '.join(choices)}) " if choices else " ")
             try:
                 answer = self._ask(question).strip().lower()
             except EOFError:
                 if here is None:
                     return
                 raise
-            if answer == "r" and behind:
-                ahead.appendleft(behind.pop())
-                self.readings.pop(ahead[0], None)
+            if answer == "r" and done:
+                todo.appendleft(done.pop())
+                self.readings.pop(todo[0], None)
             elif answer == "s" and here is not None:
-                behind.append(ahead.popleft())
+                done.append(todo.popleft())
             elif answer:
-                self._say(f"{answer[:20]!r} is none of these: Enter{''.join(', ' + choice[0] for choice in choices)}.")
+                self._print(
+                    f"{answer[:20]!r} is none of these: Enter{''.join(', ' + choice[0] for choice in choices)}."
+                )
             elif here is None:
                 return
             elif self._measure(here):
-                behind.append(ahead.popleft())
+                done.append(todo.popleft())
 
     def _measure(self, distance: float) -> bool:
-        """Whether the readings at this distance were taken; if not, the person was told why."""
+        """Measures at this distance; False if the readings were not accepted, after printing why."""
         columns = (TextColumn(_mm(distance)), BarColumn(), MofNCompleteColumn())
         try:
             with Progress(*columns, console=self._console, transient=True) as progress:
                 task = progress.add_task("", total=self._plan.samples)
-                frames = self._subject.frames(self._plan.samples, lambda count: progress.update(task, completed=count))
+                readings = self._reader.read(self._plan.samples, lambda count: progress.update(task, completed=count))
         except PretouchError as error:
-            self._say(f"{error.detail} {error.remedy} This distance can be repeated.")
+            self._print(f"{error.detail} {error.remedy} This distance can be repeated.")
             return False
-        return self._accepted(distance, frames)
+        return self._accept(distance, readings)
 
-    def _accepted(self, distance: float, frames: Frames) -> bool:
-        if self.modules not in (0, frames.raw.shape[1]):
-            self._say(f"The device has {frames.raw.shape[1]} modules now, {self.modules} before: is it the same one?")
+    def _accept(self, distance: float, readings: RawReadings) -> bool:
+        """Keeps the readings if they are good; else prints why not and returns False."""
+        if self.modules not in (0, readings.raw.shape[1]):
+            self._print(
+                f"The device has {readings.raw.shape[1]} modules now, {self.modules} before: is it the same one?"
+            )
             return False
-        self.modules = frames.raw.shape[1]
-        if self._epoch not in (None, frames.epoch):
-            self._say("The device started anew since the distance before: its modules may be cold again.")
-        self._epoch = frames.epoch
-        columns = returns(frames.raw)
+        self.modules = readings.raw.shape[1]
+        if self._epoch not in (None, readings.epoch):
+            self._print("The device restarted since the distance before: its modules may be cold again.")
+        self._epoch = readings.epoch
+        columns = split_by_module(readings.raw)
         silent = [str(k) for k, column in enumerate(columns) if not len(column)]
         if len(silent) == self.modules:
-            self._say("No module saw the plate; this distance can be repeated, or skipped.")
+            self._print("No module saw the plate; this distance can be repeated, or skipped.")
             return False
         doubts = [
             f"Module {k}: {doubt}"
             for k, column in enumerate(columns)
-            if len(column) and (doubt := motion(column, self._elsewhere(distance, k)))
+            if len(column) and (doubt := describe_motion(column, self._noise_elsewhere(distance, k)))
         ]
         if doubts:
-            stds = [spread(column) if len(column) else 0.0 for column in columns]
+            stds = [noise_std(column) if len(column) else 0.0 for column in columns]
             self._refused.setdefault(distance, []).append(stds)
             more = f", and {len(doubts) - 2} modules more" if len(doubts) > 2 else ""
             own = " Noise as large again is then taken for the module's own." if "noise" in "".join(doubts) else ""
-            said = "; ".join(doubts[:2]) + more
-            self._say(f"Not taken, was the plate moved? {said}. Hold it still and repeat, or skip.{own}")
+            doubtful = "; ".join(doubts[:2]) + more
+            self._print(f"Not taken, was the plate moved? {doubtful}. Hold it still and repeat, or skip.{own}")
             return False
-        self.readings[distance] = frames.raw
-        points = [cleaned(distance, column, step_of([column])) if len(column) else None for column in columns]
+        self.readings[distance] = readings.raw
+        points = [reject_outliers(distance, column, find_step([column])) if len(column) else None for column in columns]
         means = ", ".join(f"{1000 * point.mean:.1f}" if point else "-" for point in points)
-        self._say(f"{_mm(distance)}: the modules read {means} mm.")
+        self._print(f"{_mm(distance)}: the modules read {means} mm.")
         if silent:
-            self._say(f"Without enough returns, and left out at {_mm(distance)}: module {', '.join(silent)}.")
+            self._print(f"Without enough returns, and left out at {_mm(distance)}: module {', '.join(silent)}.")
         return True
 
-    def _elsewhere(self, distance: float, module: int) -> list[float]:
+    def _noise_elsewhere(self, distance: float, module: int) -> list[float]:
         """The module's noise at the other distances, and in attempts at this one that were refused."""
-        columns = [returns(raw)[module] for r, raw in self.readings.items() if r != distance]
-        stds = [spread(column) for column in columns if len(column)]
+        columns = [split_by_module(raw)[module] for r, raw in self.readings.items() if r != distance]
+        stds = [noise_std(column) for column in columns if len(column)]
         return stds + [attempt[module] for attempt in self._refused.get(distance, [])] if stds else []
 
-    def _say(self, text: str) -> None:
+    def _print(self, text: str) -> None:
         self._console.print(text, markup=False, highlight=False)
 
 
-def _question(distance: float | None) -> str:
+def _prompt(distance: float | None) -> str:
     if distance is None:
         return "All distances are done. Press Enter to compute"
     return f"Put the plate at {_mm(distance)} in front of all modules, square to the beams, and press Enter"

@@ -1,4 +1,4 @@
-"""The result of a calibration as a person reads it: a table, and what is doubtful about it."""
+"""The result of a calibration as a table, with remarks on what is doubtful about it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from rich.table import Table
 from pretouch_sensor_gateway.calibration.record import ModuleFit
 
 _SUSPICIOUS = 0.001
-"""m: a residual that all modules share means that the plate was elsewhere, and less than this is not worth a word."""
+"""m: a larger residual that all modules share means that the plate was misplaced."""
 
 
-def table(fits: Sequence[ModuleFit]) -> Table:
+def build_table(fits: Sequence[ModuleFit]) -> Table:
     """A row for each module; values with one standard error, and how far off its means are, before and after."""
     table = Table(box=SIMPLE_HEAD, padding=0, pad_edge=False)
     table.add_column("\n#", no_wrap=True)
@@ -50,28 +50,28 @@ def table(fits: Sequence[ModuleFit]) -> Table:
 
 
 def remarks(fits: Sequence[ModuleFit]) -> list[str]:
-    """What the table does not say: modules without a calibration, models that had to stay small, a misplaced plate."""
-    said = [f"Module {k} is not calibrated: {fit.problem}" for k, fit in enumerate(fits) if fit.problem]
+    """What the table does not show: modules without a calibration, simplified models, a misplaced plate."""
+    found = [f"Module {k} is not calibrated: {fit.problem}" for k, fit in enumerate(fits) if fit.problem]
     for count, text in ((1, "one distance tells the offset alone"), (2, "two distances tell offset and scale alone")):
         few = [str(k) for k, fit in enumerate(fits) if len(fit.points) == count and not fit.problem]
         if few:
-            said.append(f"Module {', '.join(few)}: {text}; measure three or more.")
+            found.append(f"Module {', '.join(few)}: {text}; measure three or more.")
     glass = [k for k, fit in enumerate(fits) if fit.calibration.crosstalk]
-    said += [
-        f"Module {k}: with this crosstalk nothing beyond {1000 * fits[k].calibration.reach:.0f} mm can be told."
+    found += [
+        f"Module {k}: with this crosstalk nothing beyond {1000 * fits[k].calibration.reach:.0f} mm can be measured."
         for k in glass
     ]
-    return said + (_misplaced(fits) or _unexplained(fits))
+    return found + (_misplaced(fits) or _unexplained(fits))
 
 
 def _unexplained(fits: Sequence[ModuleFit]) -> list[str]:
-    said = []
+    found = []
     for k, fit in enumerate(fits):
         off = _rms([point.residual for point in fit.points])
         noise = _rms([float(fit.calibration.std_at(np.array(point.distance))) for point in fit.points])
         if off > max(_SUSPICIOUS, noise) and not fit.problem:
-            said.append(f"Module {k}: the model is still {1000 * off:.1f} mm off; were the distances right?")
-    return said
+            found.append(f"Module {k}: the model is still {1000 * off:.1f} mm off; were the distances right?")
+    return found
 
 
 def _misplaced(fits: Sequence[ModuleFit]) -> list[str]:

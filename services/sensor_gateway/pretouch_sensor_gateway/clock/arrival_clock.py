@@ -1,40 +1,40 @@
-"""From when a line arrives to when it was measured, for devices that answer no pings."""
+"""Estimates when a line was measured from when it arrived, for devices that answer no pings."""
 
 from __future__ import annotations
 
 from math import sqrt
 
 from pretouch_sensor_gateway.clock.arrival_envelope import LATENCY, ArrivalEnvelope
-from pretouch_sensor_gateway.clock.intervals import Intervals
+from pretouch_sensor_gateway.clock.interval_statistics import IntervalStatistics
 from pretouch_sensor_gateway.clock.ping_clock import HostTime
 
 
 class ArrivalClock:
-    """Times of the lines of one run of a device.
+    """Times of the lines of one boot session.
 
-    It is assumed that what a line tells was measured at some moment of the period before the line began, and nothing
-    tells which: hence half a period earlier, with period / sqrt(12) as a standard deviation, the same for all lines.
+    A line is assumed to have been measured at some unknown moment within the period before it began: hence half a
+    period earlier, with period / sqrt(12) as a standard deviation, the same for all lines.
 
     - A line without a time of its own began when its last byte was read, less its time on the wire. The period is the
-      median between two reads: nothing tells apart the lines that came in one. Delays add to the deviation: their root
-      mean square is sqrt(2) of the spread of the intervals if they are uniform from none, and at least that of a
+      median between two reads: lines that arrive in one read cannot be told apart. Delays add to the deviation: their
+      root mean square is sqrt(2) of the spread of the intervals if they are uniform from none, and at least that of a
       latency timer, which need not show in the intervals.
-    - A line that tells its device's time, taken when the line was made, began when that clock says, by the least late
-      of all arrivals, and never after it arrived. The period is the median by the device's clock.
+    - A line that contains the device's time, taken when the line was made, began at that time, mapped to host time by
+      the envelope of arrivals, and never after it arrived. The period is the median by the device's clock.
     """
 
     def __init__(self) -> None:
-        self._reads = Intervals()
-        self._made = Intervals()
+        self._reads = IntervalStatistics()
+        self._made = IntervalStatistics()
         self._envelope = ArrivalEnvelope()
 
     def host_time(self, arrival: float, transmission: float, device: float | None) -> HostTime:
-        """When the measurement of a line was; the lines are told in their order.
+        """When the measurement of a line was made; to be called once for each line, in their order.
 
         Args:
             arrival: host time at which its last byte was read, s.
             transmission: s that it took on the wire.
-            device: what it tells of its device's clock, s, unwrapped; None if it tells nothing.
+            device: its time on the device's clock, s, unwrapped; None if it has none.
         """
         begin = arrival - transmission
         if device is None:
@@ -48,7 +48,7 @@ class ArrivalClock:
         return HostTime(begin - period / 2, sqrt(period * period / 12 + variance))
 
     def restart(self) -> None:
-        """The device started anew: its clock is another; its period is taken to be the same."""
+        """Forgets the device's clock, but not its period: the device restarted."""
         self._reads.restart()
         self._made.restart()
         self._envelope.restart()

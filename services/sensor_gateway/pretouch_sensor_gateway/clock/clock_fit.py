@@ -1,4 +1,4 @@
-"""The line from device time to host time through moments whose host times are uncertain.
+"""Fits the line from device time to host time through moments whose host times are uncertain.
 
 Generalised least squares (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 2.7). Host
 minus device time is a line, plus what the oscillator's rate wanders as a random walk, whose integral has the covariance
@@ -15,10 +15,10 @@ import numpy as np
 from pretouch.geometry import Array
 
 DRIFT_STD = 0.03
-"""What is known of an oscillator before it is measured: crystals are good to 1e-4, ceramic resonators to 5e-3, the RC
-oscillators inside microcontrollers to 1e-2 when trimmed and 1e-1 when not. Half a second of pings overrules it."""
+"""Prior standard deviation of the drift, s/s: crystals are good to 1e-4, ceramic resonators to 5e-3, the RC
+oscillators inside microcontrollers to 1e-2 when trimmed and 1e-1 when not. Half a second of pings outweighs it."""
 MEMORY = 3600.0
-"""Seconds after which a moment says nothing any more."""
+"""Seconds after which a moment is no longer used."""
 WANDERS = 8e-14 * np.array([1.0, 30.0, 1e3, 3e4])
 """q, (s/s)^2 a second: the first is 10 ppm in twenty minutes, a crystal in a room; the last is 0.3 % in an hour."""
 _WORSE_OSCILLATOR = 4.0
@@ -29,7 +29,7 @@ _PRIOR_MOMENTS = 4.0
 
 @dataclass(frozen=True)
 class ClockFit:
-    """What moments say of a device's clock.
+    """A fitted clock.
 
     Attributes:
         origin: device time of the newest moment, s.

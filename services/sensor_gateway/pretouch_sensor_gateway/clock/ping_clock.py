@@ -1,11 +1,11 @@
-"""From a device's clock to the host's, by pings.
+"""Maps a device's clock to the host's, by pings.
 
 A ping is sent at host time a, answered at device time d, its answer read at host time b: d is somewhere within [a, b],
-so the midpoint is off by at most half the round trip b - a (Cristian, 1989). That of the quickest ping is off by half
-of what its two ways differ, which nothing tells: it stays as a standard deviation of round trip / sqrt(12). By how much
-a slower ping is off beyond that is at most half of what it took longer, so it counts the less (as in NTP's clock
-filter, Mills, 2006). How unevenly its delay fell on the two ways is estimated with the clock: a latency timer, for one,
-delays only the answers.
+so the midpoint is off by at most half the round trip b - a (Cristian, 1989). The midpoint of the
+quickest ping is off by half the difference between its two ways, which is unknown: it remains as a standard deviation
+of round trip / sqrt(12). The additional error of a slower ping is at most half of its additional delay, so slower pings
+get less weight (as in NTP's clock filter, Mills, 2006). How that delay is distributed between the two ways is estimated
+along with the clock: a USB latency timer, for example, delays only the replies.
 
 Host times are seconds of a clock that never steps (`time.monotonic`).
 """
@@ -19,24 +19,24 @@ from math import sqrt
 import numpy as np
 
 from pretouch_sensor_gateway.clock.clock_fit import MEMORY, ClockFit, fit_clock
-from pretouch_sensor_gateway.clock.thinned import Thinned
+from pretouch_sensor_gateway.clock.thinning_buffer import ThinningBuffer
 
 CONTRADICTION = 5.0
-"""Standard deviations beyond what its round trip allows at which a reply contradicts what is known of the clock."""
+"""Standard deviations beyond its round trip at which a reply contradicts the clock estimate."""
 AGREEING = 3
-"""Contradicting replies in a row that overrule it, if they agree with each other."""
+"""Contradicting replies in a row that replace the estimate, if they agree with each other."""
 _RESOLUTION = 4e-6
 """Seconds of one tick of a microsecond clock, while it is not known: an Arduino's counts by fours."""
 _COARSEST, _TELLING = 1e-3, 6
-"""Seconds of the coarsest tick, and pings from which on the greatest common divisor of the times between them is a
-tick, or several, and not chance."""
+"""Seconds of the coarsest tick, and the number of pings from which on the greatest common divisor of the times between
+them is one tick or several, rather than chance."""
 _MAX_DRIFT = 0.1
-"""No oscillator is worse."""
+"""s/s; no oscillator is worse."""
 
 
 @dataclass(frozen=True)
 class HostTime:
-    """When something was, s of `time.monotonic`, and one standard deviation of that, s."""
+    """A moment, s of `time.monotonic`, and one standard deviation of it, s."""
 
     at: float
     std: float
@@ -61,16 +61,16 @@ class _Ping:
 
 
 class PingClock:
-    """The clock of one run of a device, from its answers to pings.
+    """The clock of one boot session, from the replies to pings.
 
     Attributes:
-        contradictions: replies that contradicted what was known of the clock. Each is ignored, unless several in a row
-            agree with each other: then these count, and all before is forgotten.
+        contradictions: replies that contradicted the estimate. Each is ignored, unless several in a row agree with
+            each other: then the estimate starts over with these.
     """
 
     def __init__(self) -> None:
         self.contradictions = 0
-        self._pings: Thinned[_Ping] = Thinned(lambda ping: ping.round_trip)
+        self._pings: ThinningBuffer[_Ping] = ThinningBuffer(lambda ping: ping.round_trip)
         self._contradicting: deque[_Ping] = deque(maxlen=AGREEING)
         self._fit: ClockFit | None = None
         self._least = 0.0
@@ -78,7 +78,7 @@ class PingClock:
 
     @property
     def synchronised(self) -> bool:
-        """Whether a ping was answered since the device's start."""
+        """Whether a ping was answered since the device's boot."""
         return self._fit is not None
 
     @property
@@ -88,19 +88,19 @@ class PingClock:
 
     @property
     def round_trip(self) -> float:
-        """The least of the recent pings, s; 0 if there are none."""
+        """The shortest round trip of the recent pings, s; 0 if there are none."""
         return self._least
 
     def restart(self) -> None:
-        """The device started anew: what was known of its clock is void."""
+        """Forgets the estimate: the device restarted."""
         self._pings.clear()
         self._contradicting.clear()
         self._fit = None
         self._least = 0.0
         self._resolution = _RESOLUTION
 
-    def answered(self, sent: float, received: float, device: float) -> None:
-        """Learns from a ping: sent and received at these host times, s, answered at unwrapped device time, s."""
+    def add_ping(self, sent: float, received: float, device: float) -> None:
+        """Learns from a ping: sent, and its reply read, at host times, s; answered at an unwrapped device time, s."""
         ping = _Ping(sent, received, device)
         if self._contradicts(ping):
             self.contradictions += 1
@@ -113,7 +113,7 @@ class PingClock:
         else:
             self._pings.append(ping)
         self._contradicting.clear()
-        self._learn()
+        self._fit_clock()
 
     def host_time(self, device: float) -> HostTime | None:
         """Host time of an unwrapped device time, s; None before the first answered ping."""
@@ -129,7 +129,7 @@ class PingClock:
         beyond = max(ping.sent - expected.at, expected.at - ping.received)
         return beyond > CONTRADICTION * expected.std
 
-    def _learn(self) -> None:
+    def _fit_clock(self) -> None:
         pings = np.array([(ping.sent, ping.received, ping.device) for ping in self._pings])
         sent, received, device = pings[pings[:, 2] > pings[-1, 2] - MEMORY].T
         round_trip = received - sent

@@ -1,16 +1,16 @@
-"""From the clock that never steps to the one that people read."""
+"""Converts host times (`time.monotonic`, which never steps) to Unix time, and notices when the Unix clock jumps."""
 
 from __future__ import annotations
 
 JUMP = 0.05
-"""Seconds by which the Unix clock must be off what is expected to have jumped. A busy host reads its two clocks
-milliseconds apart."""
+"""Seconds by which the Unix clock must differ from what is expected to count as a jump. A busy host reads its two
+clocks milliseconds apart."""
 SLEW = 500e-6
 """Seconds a second by which NTP may speed up or slow down the Unix clock without a jump (adjtime, Mills, 2006)."""
 
 
 class WallClock:
-    """Follows how far Unix time is from `time.monotonic`. After a jump new times are as the Unix clock tells them now.
+    """Tracks the offset of Unix time from `time.monotonic`. After a jump new times follow the Unix clock.
 
     Attributes:
         jumps: how often the Unix clock was seen to jump. A host that slept counts too: its monotonic clock stood still.
@@ -21,7 +21,7 @@ class WallClock:
         self._last: tuple[float, float] | None = None
 
     def observe(self, monotonic: float, unix: float) -> bool:
-        """Both clocks, s, read at the same moment. Whether the Unix clock jumped since they were last read."""
+        """Learns both clocks, s, read at the same moment; returns whether the Unix clock jumped since the last time."""
         offset = unix - monotonic
         jumped = False
         if self._last is not None:
@@ -32,10 +32,10 @@ class WallClock:
         return jumped
 
     def unix(self, monotonic: float) -> float:
-        """Seconds since the Unix epoch at `monotonic`, s.
+        """Unix time, s, at `monotonic`, s.
 
         Raises:
-            RuntimeError: nothing was observed yet, a fault of the caller.
+            RuntimeError: nothing was observed yet, a mistake of the caller.
         """
         if self._last is None:
             raise RuntimeError("The wall clock was asked for a time before it observed one.")

@@ -1,4 +1,4 @@
-"""What a recording holds: its channels, their schemas, and entries of them."""
+"""The channels of a recording, their schemas, and their entries."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Channel(Enum):
     CONFIGURATION = ("configuration", pb.DeviceConfiguration)
     """At the start of each file, and whenever it changes."""
     POINTS = ("points", PointCloud)
-    """Where the beams came back from, to look at in Foxglove."""
+    """The points that reflected the beams, to view in Foxglove."""
     TRANSFORMS = ("tf", FrameTransforms)
-    """The modules in the tip's frame, to look at in Foxglove; along with the configuration."""
+    """The modules in the tip's coordinate frame, to view in Foxglove; along with the configuration."""
     LOG = ("log", Log)
-    """What happened to the device."""
+    """Events of the device."""
 
     def __init__(self, leaf: str, message: type[Message]) -> None:
         self.leaf = leaf
@@ -40,7 +40,7 @@ class Channel(Enum):
 
 @dataclass(frozen=True)
 class Entry:
-    """One message of a recording: serialised, at a time in ns since the Unix epoch."""
+    """One serialised message of a recording, and its Unix time, ns."""
 
     channel: Channel
     time: int
@@ -49,7 +49,7 @@ class Entry:
 
 @cache
 def schema_of(channel: Channel) -> bytes:
-    """The file of the channel's message and all that it imports, as the FileDescriptorSet that MCAP asks for."""
+    """The channel's schema as MCAP requires it: a FileDescriptorSet of the message's file and all that it imports."""
     files: dict[str, Any] = {}
 
     def add(file: Any) -> None:

@@ -1,7 +1,7 @@
 """One MCAP file being written.
 
-The file is not chunked, and every commit is one write to the operating system: whatever ends the process, all that was
-committed is in the file, which readers of torn files recover. Only a proper end adds the summary and footer.
+The file is not chunked, and every commit is one write to the operating system: however the process ends, everything
+committed is in the file, and readers of truncated files recover it. Only `finish` adds the summary and footer.
 """
 
 from __future__ import annotations
@@ -51,21 +51,21 @@ class RecordingFile:
         return self._buffer.start
 
     def size_with(self, entries: Sequence[Entry]) -> int:
-        """Bytes at most, were the file ended after `entries`."""
+        """Bytes at most of the file if it ended after `entries`."""
         return self._buffer.tell() + sum(len(entry.data) + _RECORD_BYTES for entry in entries) + _END_BYTES
 
     def add(self, entry: Entry) -> None:
-        """Takes `entry` into the next commit."""
+        """Adds `entry` to the next commit."""
         self._writer.add_message(
             self._channels[entry.channel], entry.time, entry.data, entry.time, self._sequence[entry.channel]
         )
         self._sequence[entry.channel] += 1
 
     def commit(self) -> None:
-        """Hands all entries to the operating system.
+        """Writes all added entries.
 
         Raises:
-            OSError: it did not take them all; then the file ends where it did before.
+            OSError: not all could be written; the file is truncated to where it ended before.
         """
         data = self._buffer.getvalue()
         try:
@@ -107,7 +107,7 @@ class RecordingFile:
 
 
 class _Buffer(io.BytesIO):
-    """What is not yet committed; positions count from the start of the file, as the writer expects.
+    """Holds what is not yet committed; positions count from the start of the file, as the writer expects.
 
     Attributes:
         start: bytes committed.

@@ -1,7 +1,7 @@
 """The folder of one device's recordings: `<root>/<device>/<device>-<number>-<UTC time>.mcap`.
 
-The numbers grow, so that the order of the files does not hang on the host's clock. Files with other names are the
-user's own and are left alone.
+The numbers increase, so that the order of the files does not depend on the host's clock. Files with other names belong
+to the user and are left alone.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Folder:
         path: where they are; it need not exist.
 
     Raises:
-        InvalidInput: a device whose name is no name of a folder.
+        InvalidInput: the device's name cannot be the name of a folder.
     """
 
     def __init__(self, root: Path, device: str) -> None:
@@ -31,8 +31,8 @@ class Folder:
         self._own = re.compile(re.escape(device) + r"-(\d{6,})-\d{8}T\d{6}Z\.mcap")
         self._last = 0
 
-    def recordings(self) -> list[Path]:
-        """The oldest first.
+    def list_recordings(self) -> list[Path]:
+        """The device's recordings, the oldest first.
 
         Raises:
             OSError: the folder cannot be read; one that does not exist holds none.
@@ -42,32 +42,33 @@ class Folder:
         return sorted((path for path in self.path.iterdir() if self._own.fullmatch(path.name)), key=self._number)
 
     def bytes(self) -> int:
-        """Of all recordings.
+        """The size of all recordings.
 
         Raises:
-            OSError: likewise.
+            OSError: the folder cannot be read.
         """
-        return sum(path.stat().st_size for path in self.recordings())
+        return sum(path.stat().st_size for path in self.list_recordings())
 
     def new_path(self, at: int) -> Path:
-        """Where a recording that begins `at`, ns since the Unix epoch, goes. Creates the folder, but not its root: that
-        may be a disk which is not mounted.
+        """The path for a recording that starts at Unix time `at`, ns.
+
+        Creates the folder, but not its root, which may be a disk that is not mounted.
 
         Raises:
             OSError: the folder cannot be created or read.
         """
         self.path.mkdir(exist_ok=True)
-        self._last = max([self._last, *map(self._number, self.recordings())]) + 1
+        self._last = max([self._last, *map(self._number, self.list_recordings())]) + 1
         stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(at // 10**9))
         return self.path / f"{self._device}-{self._last:06d}-{stamp}.mcap"
 
     def prune(self, total: int) -> None:
-        """Deletes the oldest recordings until all have `total` bytes at most.
+        """Deletes the oldest recordings until the rest has `total` bytes at most.
 
         Raises:
             OSError: one cannot be deleted.
         """
-        sizes = [(path, path.stat().st_size) for path in self.recordings()]
+        sizes = [(path, path.stat().st_size) for path in self.list_recordings()]
         excess = sum(size for _, size in sizes) - total
         for path, size in sizes:
             if excess <= 0:

@@ -1,7 +1,7 @@
-"""A device's measurements as messages that Foxglove draws.
+"""Encodes a device's measurements as Foxglove messages.
 
-Frames are named after the device, `<device>/tip` and `<device>/module_<k>`, so that recordings of several fingers can
-be looked at together.
+Coordinate frames are named after the device, `<device>/tip` and `<device>/module_<k>`, so that recordings of several
+fingers can be viewed together.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ _POINT = np.dtype([(name, kind) for name, kind, _ in _FIELDS])
 
 
 class PointClouds:
-    """Draws batches as point clouds in the tip's frame.
+    """Encodes batches as point clouds in the tip's coordinate frame.
 
     Args:
-        device: whose frames these are.
-        tip_T_module: pose of each module in the tip frame; modules beyond these are not drawn.
+        device: after which the coordinate frames are named.
+        tip_T_module: pose of each module in the tip's coordinate frame; further modules are left out.
     """
 
     def __init__(self, device: str, tip_T_module: Sequence[Pose]) -> None:
@@ -55,9 +55,10 @@ class PointClouds:
             ],
         ).SerializeToString()
 
-    def of(self, batch: pb.RangeBatch, time: int) -> bytes | None:
-        """A serialised PointCloud of every range of the batch, those with a bad status too; none for a batch that does
-        not hold together. A batch of misses alone gives an empty cloud, so that no older one stays in the picture.
+    def encode(self, batch: pb.RangeBatch, time: int) -> bytes | None:
+        """A serialised PointCloud of every range of the batch, those with a bad status too.
+
+        None for an inconsistent batch. A batch of misses gives an empty cloud, so that the previous one disappears.
         """
         shape = tuple(batch.range.shape)
         count = math.prod(shape)
@@ -80,8 +81,8 @@ class PointClouds:
         return self._unchanging + PointCloud(timestamp=_stamp(time), data=seen.tobytes()).SerializeToString()
 
 
-def transforms(device: str, tip_T_module: Sequence[Pose], time: int) -> bytes:
-    """A serialised FrameTransforms that places the modules in the tip's frame."""
+def encode_transforms(device: str, tip_T_module: Sequence[Pose], time: int) -> bytes:
+    """A serialised FrameTransforms from the tip's coordinate frame to the modules'."""
     message = FrameTransforms()
     for k, pose in enumerate(tip_T_module):
         x, y, z, w = pose.quaternion
@@ -95,8 +96,8 @@ def transforms(device: str, tip_T_module: Sequence[Pose], time: int) -> bytes:
     return message.SerializeToString()
 
 
-def log(device: str, text: str, time: int) -> bytes:
-    """A serialised Log of something that happened."""
+def encode_log(device: str, text: str, time: int) -> bytes:
+    """A serialised Log of an event."""
     return Log(timestamp=_stamp(time), level=Log.INFO, message=text, name=device).SerializeToString()
 
 

@@ -1,4 +1,4 @@
-"""How much disk a device's recordings may take."""
+"""Limits on the disk space of a device's recordings."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ _LEAST_FILE_BYTES = 64 * 1024
 
 @dataclass(frozen=True)
 class Limits:
-    """Of one device; each device has its own.
+    """Limits of one device; each device has its own.
 
     Attributes:
-        file_bytes: a file that would become larger is ended, and the next one begun.
+        file_bytes: a file that would become larger is finished, and the next one started.
         file_seconds: likewise for a file that spans this time.
         total_bytes: of all files of the device; before this is exceeded, the oldest finished ones are deleted.
 
     Raises:
-        InvalidInput: files too small to hold anything, or a total of less than two files.
+        InvalidInput: files that are too small, or a total of less than two files.
     """
 
     file_bytes: int = 64 * 1024**2

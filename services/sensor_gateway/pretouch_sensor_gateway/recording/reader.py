@@ -1,4 +1,4 @@
-"""Reads recordings: whole ones, and those that were cut off when their writer was killed or the disk was full."""
+"""Reads recordings: whole ones, and ones truncated because their writer was killed or the disk was full."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Recorded:
         topic: of its channel.
         schema: name of its channel's schema, "" if it has none.
         described: that schema itself.
-        time: ns since the Unix epoch.
+        time: Unix time, ns.
         data: the message, serialised.
     """
 
@@ -44,15 +44,15 @@ class Recorded:
 class RecordingReader:
     """Iterates over the messages of an MCAP file, chunked or not, in the order of the file.
 
-    What cannot be read ends the iteration: all before it is given, and `torn_bytes` counts the rest.
+    The iteration ends at the first record that cannot be read; `torn_bytes` counts the rest of the file.
 
     Attributes:
-        complete: whether the file was ended properly; known at the end of the iteration.
-        torn_bytes: bytes at the end that are no whole record; likewise.
+        complete: whether the file was finished; known at the end of the iteration.
+        torn_bytes: bytes at the end that are no whole record; known then, too.
 
     Raises:
         OSError: on iteration, the file cannot be read.
-        InvalidInput: on iteration, the file is none of MCAP.
+        InvalidInput: on iteration, the file is no MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -63,7 +63,7 @@ class RecordingReader:
         self._channels: dict[int, Channel] = {}
 
     def schemas(self) -> set[str]:
-        """Names of the schemas met so far."""
+        """Names of the schemas found so far."""
         return {schema.name for schema in self._schemas.values()}
 
     def __iter__(self) -> Iterator[Recorded]:

@@ -1,4 +1,4 @@
-"""The thread that writes the recordings of all devices."""
+"""Writes the recordings of all devices, in one thread."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ import structlog
 
 from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.recorder import Recorder
-from pretouch_sensor_gateway.recording.series import FileSeries
+from pretouch_sensor_gateway.recording.rotating_files import RotatingFiles
 
 _GATHER = 0.005
-"""Seconds that a batch waits to be written: who listens gets it first, and what comes meanwhile is one write."""
+"""Seconds that a batch waits to be written: subscribers get it first, and batches that follow share one write."""
 _LAST_WRITE = 10.0
-"""Seconds that the end of the gateway waits for a disk that hangs."""
+"""Seconds that the gateway's shutdown waits for a disk that hangs."""
 
 
 class RecordingWriter:
     """Writes each device's recordings to a folder of `root`, from entering a `with` block to its end.
 
-    One thread serves all devices: it takes what has come of each and hands it to the operating system at once. Leaving
-    the block finishes all files.
+    One thread serves all devices: it takes what each has queued and writes it at once. Leaving the block finishes all
+    files.
 
     Args:
-        root: the folder of folders; created if it does not exist.
+        root: the folder with one folder for each device; created if it does not exist.
         limits: of each device.
         clock: a steady clock, s.
     """
@@ -48,14 +48,14 @@ class RecordingWriter:
         self._ending = False
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
 
-    def recorder(self, device: str) -> Recorder:
-        """A new recorder of `device`.
+    def create_recorder(self, device: str) -> Recorder:
+        """Creates a recorder of `device`.
 
         Raises:
-            InvalidInput: the device's name is no name of a folder.
+            InvalidInput: the device's name cannot be the name of a folder.
         """
         log = self._log.bind(device=device)
-        files = FileSeries(self._root, device, self._limits, log)
+        files = RotatingFiles(self._root, device, self._limits, log)
         recorder = Recorder(files, self._something_to_write.set, log)
         self._recorders += (recorder,)
         return recorder

@@ -1,7 +1,6 @@
-"""Where a port is: a path, a USB device by its numbers, or a network address.
+"""Parses the address of a port: a path, a USB device by its numbers, or a network address.
 
-An address is only taken apart here. What it names is looked up anew at each opening, so that a device may come back
-under another name.
+What an address names is looked up each time the port is opened, so that a device may come back under another name.
 """
 
 from __future__ import annotations
@@ -12,6 +11,8 @@ from urllib.parse import urlsplit
 
 from pretouch.errors import InvalidInput
 
+DEFAULT_BAUD = 115_200
+"""Bits a second of a real UART; USB, ptys and sockets ignore it."""
 _FORMS = (
     "Give the path of a serial port (/dev/serial/by-id/... survives replugging), usb:VID:PID or usb:VID:PID:SERIAL "
     "with the hexadecimal numbers that lsusb shows, or socket://host:port."
@@ -39,7 +40,7 @@ class UsbAddress:
 
 @dataclass(frozen=True)
 class SocketAddress:
-    """A serial server on the network that sends and takes bare bytes over TCP."""
+    """A serial server on the network that passes raw bytes over TCP."""
 
     host: str
     port: int
@@ -48,18 +49,18 @@ class SocketAddress:
 Address = PathAddress | UsbAddress | SocketAddress
 
 
-def check_address(text: str) -> Address:
-    """The address that `text` writes.
+def parse_address(text: str) -> Address:
+    """Parses an address.
 
     Raises:
-        InvalidInput: `text` is none that could ever be opened.
+        InvalidInput: `text` is not a valid address.
     """
     if not text or not text.isprintable():
         raise InvalidInput(f"The address {text!r} is empty or holds control characters.", _FORMS)
     if text.startswith("usb:"):
-        return _usb(text)
+        return _parse_usb(text)
     if text.startswith("socket:"):
-        return _socket(text)
+        return _parse_socket(text)
     if "://" in text:
         raise InvalidInput(
             f"{text!r} is a URL of another kind than socket://, and the gateway reads file descriptors only.",
@@ -70,7 +71,7 @@ def check_address(text: str) -> Address:
     return PathAddress(text)
 
 
-def _usb(text: str) -> UsbAddress:
+def _parse_usb(text: str) -> UsbAddress:
     match = re.fullmatch(r"usb:([0-9a-fA-F]{1,4}):([0-9a-fA-F]{1,4})(?::(.+))?", text)
     if match is None:
         raise InvalidInput(
@@ -80,7 +81,7 @@ def _usb(text: str) -> UsbAddress:
     return UsbAddress(int(match[1], 16), int(match[2], 16), match[3] or "")
 
 
-def _socket(text: str) -> SocketAddress:
+def _parse_socket(text: str) -> SocketAddress:
     remedy = "Write socket://host:port and nothing else: socket://10.0.0.5:4000, socket://[fe80::1]:4000."
     try:
         parts = urlsplit(text)

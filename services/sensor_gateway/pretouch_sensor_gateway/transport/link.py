@@ -1,10 +1,10 @@
-"""A port that stays open: read on the event loop, opened again after every outage.
+"""Keeps a port open: reads it on the event loop, and reopens it after every outage.
 
     OPENING ──▶ OPEN ──(lost)──▶ WAITING ──(backoff)──▶ OPENING ...
        └──────────(failed)──────────▲
 
-Only opening and closing may block, and each has a thread of its own for as long as it takes. Reading waits in the
-event loop's selector, so many ports cost no threads; the time of a read is as late as the loop is busy.
+Only opening and closing may block, and each runs in its own thread. Reading waits in the event loop's selector, so that
+many ports need no threads; the time of a read is late if the loop is busy.
 """
 
 from __future__ import annotations
@@ -19,28 +19,27 @@ from typing import Protocol
 
 import structlog
 
-from pretouch_sensor_gateway.transport.address import check_address
+from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD, parse_address
 from pretouch_sensor_gateway.transport.port import Port, close_port, open_port
-from pretouch_sensor_gateway.transport.problem import loss
+from pretouch_sensor_gateway.transport.problem import describe_loss
 from pretouch_sensor_gateway.transport.threads import DaemonThreads
 
-BAUD = 115_200
-"""Bits a second of a real UART; USB, ptys and sockets ignore it."""
 FIRST_DELAY = 0.1
-"""Seconds before a port is opened again; doubles with every further try until bytes were heard."""
+"""Seconds before a port is reopened; doubles with every further try until bytes were read."""
 MAX_DELAY = 5.0
 STEADY_AFTER = 10.0
-"""Seconds for which a port must stay open, and still send, until its outage is over as far as the log is concerned."""
+"""Seconds for which a port must stay open, and still send, before its outage is logged as over."""
 MAX_READ = 4096
-"""Bytes taken at a time, so that a device that sends without end lets the others have their turn."""
+"""Bytes read at a time, so that a device that sends without pause does not block the others."""
 _SLOW = 5.0
-"""Seconds after which opening or closing is called a problem."""
+"""Seconds after which opening or closing is reported as a problem."""
 _PATIENCE = 1.0
-"""Seconds that a cancelled link waits for its threads; one that hangs on is left behind, and closes its port itself."""
+"""Seconds that a cancelled link waits for its threads; one that still hangs is abandoned and closes its
+port itself."""
 
 
 class LinkState(Enum):
-    """How the port fares."""
+    """The state of a port."""
 
     OPENING = "opening"
     OPEN = "open"
@@ -48,60 +47,60 @@ class LinkState(Enum):
 
 
 class Listener(Protocol):
-    """Who hears what happens on a link, on the event loop; `at` is `time.monotonic()`. What it raises ends the link."""
+    """Gets a link's events on the event loop; `at` is `time.monotonic()`. An exception that it raises ends the link."""
 
     def opened(self, at: float) -> None:
         """The port is open."""
         ...
 
     def received(self, data: bytes, at: float) -> None:
-        """Bytes, at least one, that were read at this time."""
+        """Bytes, at least one, were read at this time."""
         ...
 
     def closed(self, at: float) -> None:
-        """The open port was lost: what was half received is void, and no more comes before it is opened again."""
+        """The open port was lost: a half-received message is void, and nothing more comes before it is reopened."""
         ...
 
 
 class Link:
-    """One port.
+    """One port and its connection.
 
     Attributes:
-        address: where it is, as it was given.
-        state: how it fares.
+        address: as it was given.
+        state: of the port.
         problem: why it is not open, "" when it is.
         connections: how often it was opened.
         unsent: bytes given to `write` that the port did not take.
 
     Raises:
-        InvalidInput: the address is none.
+        InvalidInput: the address is not valid.
     """
 
     def __init__(
-        self, address: str, listener: Listener, log: structlog.typing.FilteringBoundLogger, baud: int = BAUD
+        self, address: str, listener: Listener, log: structlog.typing.FilteringBoundLogger, baud: int = DEFAULT_BAUD
     ) -> None:
         self.address = address
         self.state = LinkState.OPENING
         self.problem = ""
         self.connections = 0
         self.unsent = 0
-        self._target = check_address(address)
+        self._target = parse_address(address)
         self._baud = baud
         self._listener = listener
         self._log = log
         self._threads = DaemonThreads(f"port {address}")
         self._fd: int | None = None
         self._opened_at = 0.0
-        self._heard = False  # anything, since the port was opened
+        self._data_received = False  # since the port was opened
         self._outage_since: float | None = None
 
     async def run(self) -> None:
-        """Keeps the port open until cancelled, and leaves it closed."""
+        """Keeps the port open until cancelled, then closes it."""
         delay = FIRST_DELAY
         try:
             while True:
                 await self._connect_once()
-                if self._heard:
+                if self._data_received:
                     delay = FIRST_DELAY
                 await asyncio.sleep(delay)
                 delay = min(2 * delay, MAX_DELAY)
@@ -111,7 +110,7 @@ class Link:
                     await self._threads.join()
 
     def write(self, data: bytes) -> None:
-        """Sends what the port takes at once and drops the rest; a port that fails here fails in reading too."""
+        """Sends what the port accepts at once and drops the rest; a port that fails here fails in reading too."""
         taken = 0
         if self._fd is not None:
             try:
@@ -122,24 +121,24 @@ class Link:
 
     async def _connect_once(self) -> None:
         """Opens the port and reads it until it fails, in whatever way it does."""
-        self.state, self._heard = LinkState.OPENING, False
+        self.state, self._data_received = LinkState.OPENING, False
         try:
             port = await self._open()
         except Exception as error:
             self.state = LinkState.WAITING
-            self._trouble(str(error) or type(error).__name__)
+            self._report(str(error) or type(error).__name__)
             return
         try:
-            self._trouble(await self._read_until_lost(port.fileno()))
+            self._report(await self._read_until_lost(port.fileno()))
             self._listener.closed(time.monotonic())
         finally:
             closing = self._threads.start(partial(close_port, port))
-        await self._end_of(closing, "Closing")
+        await self._wait_for(closing, "Closing")
 
     async def _open(self) -> Port:
         opening = self._threads.start(partial(open_port, self._target, self._baud))
         try:
-            await self._end_of(opening, "Opening")
+            await self._wait_for(opening, "Opening")
         except asyncio.CancelledError:
             if opening.done():
                 self._close_unused(opening)
@@ -152,15 +151,15 @@ class Link:
         if opening.exception() is None:
             self._threads.start(partial(close_port, opening.result()))
 
-    async def _end_of(self, call: asyncio.Future[Port] | asyncio.Future[None], what: str) -> None:
-        """Waits for a thread; `asyncio.wait` does not cancel what it waits for."""
+    async def _wait_for(self, call: asyncio.Future[Port] | asyncio.Future[None], what: str) -> None:
+        """Waits for a thread, and reports it if it is slow; `asyncio.wait` does not cancel what it waits for."""
         await asyncio.wait({call}, timeout=_SLOW)
         if not call.done():
-            self._trouble(f"{what} the port takes more than {_SLOW:g} s: its driver, or the network, hangs.")
+            self._report(f"{what} the port takes more than {_SLOW:g} s: its driver, or the network, hangs.")
             await asyncio.wait({call})
 
     async def _read_until_lost(self, fd: int) -> str:
-        """Tells the listener everything that comes; the answer is why no more does."""
+        """Passes everything read to the listener until the port is lost; returns why it was."""
         loop = asyncio.get_running_loop()
         lost: asyncio.Future[str] = loop.create_future()
         self._fd, self._opened_at = fd, time.monotonic()
@@ -182,11 +181,11 @@ class Link:
         except BlockingIOError:
             return
         except OSError as error:
-            lost.set_result(loss(self._target, error))
+            lost.set_result(describe_loss(self._target, error))
             return
         at = time.monotonic()
         if not data:
-            lost.set_result(loss(self._target, None))
+            lost.set_result(describe_loss(self._target, None))
             return
         try:
             self._received(data, at)
@@ -194,14 +193,14 @@ class Link:
             lost.set_exception(defect)
 
     def _received(self, data: bytes, at: float) -> None:
-        self._heard = True
+        self._data_received = True
         if self._outage_since is not None and at - self._opened_at >= STEADY_AFTER:
             outage_s = round(self._opened_at - self._outage_since, 1)
             self._log.info("the port works again", port=self.address, outage_s=outage_s)
             self._outage_since = None
         self._listener.received(data, at)
 
-    def _trouble(self, problem: str) -> None:
+    def _report(self, problem: str) -> None:
         self.problem = problem
         if self._outage_since is None:
             self._outage_since = time.monotonic()

@@ -1,4 +1,4 @@
-"""Why a port is not open, in words for the person who has to plug something in."""
+"""Describes why a port is not open, for the person who has to fix it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NO_TERMINAL = {errno.ENOTTY, errno.EISDIR, errno.EINVAL}
 
 
 class PortProblem(Exception):
-    """Why a port cannot be opened; its text is for a person."""
+    """Why a port cannot be opened, in words for users."""
 
 
 def serial_problem(path: str, error: Exception) -> PortProblem:
@@ -37,7 +37,7 @@ def serial_problem(path: str, error: Exception) -> PortProblem:
 
 
 def socket_problem(address: SocketAddress, error: OSError) -> PortProblem:
-    """Why the connection to `address` did not come about."""
+    """Why the connection to `address` failed."""
     place = f"{address.host}, port {address.port}"
     if isinstance(error, socket.gaierror):
         return PortProblem(f"The host name {address.host} cannot be resolved: {error.strerror}.")
@@ -48,12 +48,12 @@ def socket_problem(address: SocketAddress, error: OSError) -> PortProblem:
     return PortProblem(f"There is no way to {place}: {error.strerror or error}.")
 
 
-def loss(address: Address, error: OSError | None) -> str:
-    """Why an open port fell silent: an error in reading, or None for the end of the data."""
+def describe_loss(address: Address, error: OSError | None) -> str:
+    """Why an open port was lost: `error` in reading it, or None for the end of the data."""
     end = (
         "The other end closed the connection"
         if isinstance(address, SocketAddress)
-        else "The port hung up: the device was unplugged, or started anew"
+        else "The port hung up: the device was unplugged, or restarted"
     )
     return f"{end}." if error is None else f"{end} ({error.strerror or error})."
 

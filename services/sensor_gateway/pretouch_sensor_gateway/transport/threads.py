@@ -1,4 +1,4 @@
-"""Blocking calls that may never return, each in a daemon thread of its own."""
+"""Runs blocking calls that may never return, each in its own daemon thread."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ T = TypeVar("T")
 class DaemonThreads:
     """Runs blocking calls for an event loop.
 
-    An executor will not do: a call that hangs takes one of its few threads from everyone else, and the interpreter
-    waits for it at exit.
+    An executor is not suitable: a call that hangs would occupy one of its few threads, and the interpreter would wait
+    for it at exit.
     """
 
     def __init__(self, name: str) -> None:
@@ -24,7 +24,7 @@ class DaemonThreads:
         self._running: set[asyncio.Future[Any]] = set()
 
     def start(self, call: Callable[[], T]) -> asyncio.Future[T]:
-        """Begins `call`; the future gets what it returns or raises, and cancelling it is not allowed."""
+        """Starts `call`; the future gets what it returns or raises, and must not be cancelled."""
         loop = asyncio.get_running_loop()
         future: asyncio.Future[T] = loop.create_future()
         self._running.add(future)
@@ -35,13 +35,13 @@ class DaemonThreads:
                 settle = partial(future.set_result, call())
             except BaseException as error:
                 settle = partial(future.set_exception, error)
-            with suppress(RuntimeError):  # the loop has ended, and nobody wants to know
+            with suppress(RuntimeError):  # the loop has ended, and nobody waits for the result
                 loop.call_soon_threadsafe(settle)
 
         threading.Thread(target=work, name=self._name, daemon=True).start()
         return future
 
     async def join(self) -> None:
-        """Waits until all calls have ended, those that begin meanwhile too."""
+        """Waits until all calls have ended, including those started meanwhile."""
         while self._running:
             await asyncio.wait(self._running)

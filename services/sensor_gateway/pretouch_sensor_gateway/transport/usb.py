@@ -12,25 +12,25 @@ from pretouch_sensor_gateway.transport.problem import PortProblem
 
 
 def find_usb_port(address: UsbAddress) -> str:
-    """The path of the one port that fits. Blocks.
+    """The path of the one port that matches. Blocks.
 
     Raises:
-        PortProblem: none fits, or more than one does; the text lists what is there.
+        PortProblem: none matches, or more than one does; the text lists what is plugged in.
     """
     try:
         ports = sorted(port for port in list_ports.comports() if port.vid is not None)
     except (TypeError, ValueError) as error:  # pyserial reads numbers from files of a device that has just gone
         raise PortProblem("A USB device was unplugged while the ports were being listed.") from error
-    fitting = [port for port in ports if _fits(port, address)]
-    if len(fitting) == 1:
-        return str(fitting[0].device)
-    if fitting:
+    matching = [port for port in ports if _matches(port, address)]
+    if len(matching) == 1:
+        return str(matching[0].device)
+    if matching:
         name = "path of the right one in /dev/serial/by-path" if address.serial else "serial number too"
-        raise PortProblem(f"{len(fitting)} serial ports are USB {address}: {_listed(fitting)}. Give the {name}.")
+        raise PortProblem(f"{len(matching)} serial ports are USB {address}: {_listed(matching)}. Give the {name}.")
     raise PortProblem(f"No serial port is USB {address}. There {f'are: {_listed(ports)}' if ports else 'is none'}.")
 
 
-def _fits(port: ListPortInfo, address: UsbAddress) -> bool:
+def _matches(port: ListPortInfo, address: UsbAddress) -> bool:
     same_kind = (port.vid, port.pid) == (address.vendor, address.product)
     return same_kind and address.serial in ("", port.serial_number)
 

@@ -1,4 +1,4 @@
-"""What happened, in few lines: things that happen again and again are counted in one."""
+"""The recent events, with repeated ones counted in one line."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from enum import Enum
 
 KEPT = 100
 QUIET = 10.0
-"""Seconds after which something that happened again counts as new."""
+"""Seconds after which a repeated event counts as a new one."""
 
 
-class Weight(Enum):
-    """How an event is to be taken."""
+class Severity(Enum):
+    """How serious an event is."""
 
     GOOD = "good"
     NOTE = "note"
@@ -22,18 +22,18 @@ class Weight(Enum):
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
+    """Something that happened, once or repeatedly.
 
     Attributes:
-        device: to whom; "" is the gateway.
-        first, at: when it began and when it last happened, s.
-        amount: how many of it, all together.
+        device: of the event; "" is the gateway.
+        first, at: when it first and last happened, s.
+        amount: the total of what is counted, as frames lost.
         times: how often it happened.
     """
 
     device: str
     text: str
-    weight: Weight
+    severity: Severity
     first: float
     at: float
     amount: int = 1
@@ -48,30 +48,30 @@ class EventLog:
         self._counted: dict[tuple[str, str], int] = {}
         self._next = 0
 
-    def add(self, device: str, text: str, weight: Weight, at: float) -> None:
-        """Notes something that happens once."""
-        self._put(self._new(), Event(device, text, weight, at, at))
+    def add(self, device: str, text: str, severity: Severity, at: float) -> None:
+        """Adds a single event."""
+        self._put(self._next_key(), Event(device, text, severity, at, at))
 
-    def count(self, device: str, what: str, amount: int, at: float, said: Callable[[int, int], str]) -> None:
-        """Notes `amount` more of `what`, together with what there was of it before, unless that was long ago.
+    def count(self, device: str, what: str, amount: int, at: float, describe: Callable[[int, int], str]) -> None:
+        """Adds `amount` to the last event of this kind, `what`, or starts a new one if that was long ago.
 
         Args:
-            said: the text for an amount and the number of times.
+            describe: makes the text from the amount and the number of times.
         """
         key = self._counted.get((device, what), -1)
         before = self._events.get(key)
         if before is None or at - before.at > QUIET:
-            key = self._counted[device, what] = self._new()
-            self._put(key, Event(device, said(amount, 1), Weight.BAD, at, at, amount))
+            key = self._counted[device, what] = self._next_key()
+            self._put(key, Event(device, describe(amount, 1), Severity.BAD, at, at, amount))
             return
         total, times = before.amount + amount, before.times + 1
-        self._put(key, Event(device, said(total, times), Weight.BAD, before.first, at, total, times))
+        self._put(key, Event(device, describe(total, times), Severity.BAD, before.first, at, total, times))
 
     def last(self, count: int) -> list[Event]:
         """The last `count` events, oldest first."""
         return list(self._events.values())[-count:] if count > 0 else []
 
-    def _new(self) -> int:
+    def _next_key(self) -> int:
         self._next += 1
         return self._next
 

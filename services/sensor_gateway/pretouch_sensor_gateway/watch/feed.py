@@ -1,4 +1,4 @@
-"""A gateway's messages, over gRPC, into what is known of it: for as long as it takes, through all its outages."""
+"""Feeds a gateway's messages into the state, over gRPC, and reconnects after every outage."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch_sensor_gateway.watch.state import Watch, WatchedDevice
 
 STATUS_PERIOD = 0.5
-"""Seconds between two looks at a device's status, which also find out that the gateway is gone."""
+"""Seconds between two queries of a device's status, which also notice that the gateway is gone."""
 TIMEOUT = 3.0
-"""Seconds for an answer."""
+"""Seconds to wait for a response."""
 FIRST_DELAY, MAX_DELAY = 0.5, 5.0
 """Seconds before a gateway is tried again; doubled each time."""
 _LASTING = (InvalidInput, MethodNotAllowed, NotFound, Unauthenticated)
-"""What another try would not mend."""
+"""Errors that a retry does not fix."""
 
 
 class Feed:
-    """Folds a gateway's messages into `watch`.
+    """Feeds a gateway's messages into `watch`.
 
     Args:
         stub: a `SensorGatewayServiceStub` on a channel of asyncio.
@@ -46,29 +46,29 @@ class Feed:
         self._device = device
 
     async def run(self) -> NoReturn:
-        """Listens until cancelled; a gateway that goes away is waited for.
+        """Runs until cancelled; waits for a gateway that goes away.
 
         Raises:
-            PretouchError: what waiting would not mend: a wrong token, no such device, no gateway at that address.
+            PretouchError: an error that a retry does not fix: a wrong token, no such device, no gateway there.
         """
         delay = FIRST_DELAY
         while True:
             errors: list[Exception] = []
             try:
-                await self._listen()
+                await self._follow_all()
             except* (grpc.RpcError, PretouchError) as group:
                 errors += group.exceptions
             if self._watch.connected:
                 delay = FIRST_DELAY
-            problem = self._problem(errors[0])
+            problem = self._describe(errors[0])
             now = time.monotonic()
             self._watch.take_failure(problem, now + delay, now)
             await asyncio.sleep(delay)
             delay = min(2 * delay, MAX_DELAY)
 
-    async def _listen(self) -> None:
-        """Listens to all devices until something fails."""
-        while not (devices := await self._devices()):
+    async def _follow_all(self) -> None:
+        """Follows all devices until something fails."""
+        while not (devices := await self._list_devices()):
             self._watch.take_devices([], time.monotonic())
             await asyncio.sleep(STATUS_PERIOD)
         self._watch.take_devices(devices, time.monotonic())
@@ -77,11 +77,11 @@ class Feed:
                 tasks.create_task(self._follow_status(device))
                 tasks.create_task(self._follow_ranges(device))
 
-    async def _devices(self) -> list[pb.Device]:
-        """The devices to watch.
+    async def _list_devices(self) -> list[pb.Device]:
+        """Queries the devices to watch.
 
         Raises:
-            NotFound: the one to watch is not there.
+            NotFound: the gateway does not have the one to watch.
         """
         devices: list[pb.Device] = list(
             (await self._stub.ListDevices(pb.ListDevicesRequest(), timeout=TIMEOUT)).devices
@@ -106,31 +106,31 @@ class Feed:
             async for response in self._stub.StreamRanges(pb.StreamRangesRequest(device=device.name)):
                 device.take_ranges(response, time.monotonic())
                 self._watch.changes += 1
-            await asyncio.sleep(STATUS_PERIOD)  # a stream has no end of its own; whatever ended it, it begins anew
+            await asyncio.sleep(STATUS_PERIOD)  # a stream has no regular end; open another, whatever ended it
 
-    def _problem(self, error: Exception) -> str:
-        """What is wrong, if waiting may mend it.
+    def _describe(self, error: Exception) -> str:
+        """Describes the error, if a retry may fix it.
 
         Raises:
-            PretouchError: it would not.
+            PretouchError: a retry does not fix it.
         """
         if not isinstance(error, grpc.RpcError):
             raise error
-        told = from_rpc_error(error)
+        problem = from_rpc_error(error)
         address = self._watch.address
-        if isinstance(told, MethodNotAllowed):
+        if isinstance(problem, MethodNotAllowed):
             raise InvalidInput(
                 f"What answers at {address} is no sensor gateway.", "Give the gateway's host:port, as 127.0.0.1:50053."
             ) from error
-        if isinstance(told, _LASTING):
-            raise told from error
+        if isinstance(problem, _LASTING):
+            raise problem from error
         if any(key == PROBLEM_METADATA_KEY for key, _ in error.trailing_metadata() or ()):
-            return f"The gateway at {address} refuses: {told.detail}"
+            return f"The gateway at {address} refuses: {problem.detail}"
         if error.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
             return f"The gateway at {address} did not answer within {TIMEOUT:g} s."
-        return f"No gateway answers at {address}: {_reason(told.detail)}."
+        return f"No gateway answers at {address}: {_reason(problem.detail)}."
 
 
 def _reason(detail: str) -> str:
-    """What gRPC says of a failed connection, without its own preliminaries."""
+    """The reason in gRPC's text for a failed connection, without its preamble."""
     return re.sub(r".*last error: \w+: (?:\S+: )?", "", detail).rstrip(".")

@@ -1,4 +1,4 @@
-"""Ranges as characters: a bar for the newest, a sparkline for those of late."""
+"""Ranges as characters: a bar for the newest, a sparkline for the recent ones."""
 
 from __future__ import annotations
 
@@ -32,20 +32,21 @@ def bar(metres: float, width: int, style: str) -> Text:
 
 
 def sparkline(summary: Summary, module: int) -> Text:
-    """One character a column: the height is the mean range, between the least and the greatest that are shown.
+    """One character per column; its height is the mean range, between the least and the greatest shown.
 
-    A dot is a column of misses alone, a blank one without any measurement; a column with some misses is coloured.
+    A dot is a column of misses only, a blank is one without any measurement; a column with some misses is coloured.
     """
     mean, returns = summary.mean[:, module], summary.returns[:, module]
     low = float(np.nanmin(mean, initial=np.inf))
     height = max(float(np.nanmax(mean, initial=-np.inf)) - low, _LEAST_HEIGHT)
     marks = []
-    for metres, returned, frames in zip(mean.tolist(), returns.tolist(), summary.frames.tolist(), strict=True):
+    columns = zip(mean.tolist(), returns.tolist(), summary.measurements.tolist(), strict=True)
+    for metres, returned, measured in columns:
         if returned:
             level = min(int((metres - low) / height * len(_LEVELS)), len(_LEVELS) - 1)
-            marks.append((_LEVELS[level], "cyan" if returned == frames else "yellow"))
+            marks.append((_LEVELS[level], "cyan" if returned == measured else "yellow"))
         else:
-            marks.append((_MISS, "yellow") if frames else (" ", ""))
+            marks.append((_MISS, "yellow") if measured else (" ", ""))
     text = Text()
     for style, run in groupby(marks, key=itemgetter(1)):
         text.append("".join(mark for mark, _ in run), style)

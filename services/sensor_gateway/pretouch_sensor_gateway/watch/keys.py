@@ -1,4 +1,4 @@
-"""What a person types while the view is on the screen."""
+"""Reads the keys that the user presses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _READ = 1024
 
 
 class Key(Enum):
-    """A key with a meaning; a digit stands for itself."""
+    """A key with a function; digits are passed as numbers."""
 
     QUIT = "quit"
     NEXT = "next"
@@ -37,8 +37,8 @@ _KEYS = {
 }
 
 
-def keys_in(typed: bytes) -> list[Key | int]:
-    """The keys and digits from 1 in what a terminal sent; what means nothing is left out."""
+def parse_keys(typed: bytes) -> list[Key | int]:
+    """Parses the bytes of a terminal into keys, and digits from 1; other keys are left out."""
     keys: list[Key | int] = []
     for key in _KEY.findall(typed):
         if key in _KEYS:
@@ -49,8 +49,8 @@ def keys_in(typed: bytes) -> list[Key | int]:
 
 
 @contextmanager
-def typing(descriptor: int) -> Iterator[None]:
-    """Lets the terminal hand over keys at once and unseen, and no key but Ctrl-C stop the program; then as before."""
+def raw_keyboard(descriptor: int) -> Iterator[None]:
+    """Makes the terminal pass keys at once and without echo, and only Ctrl-C interrupt; restores it afterwards."""
     before = termios.tcgetattr(descriptor)
     changed = termios.tcgetattr(descriptor)
     changed[3] &= ~(termios.ECHO | termios.ICANON)
@@ -65,8 +65,8 @@ def typing(descriptor: int) -> Iterator[None]:
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-def typed(descriptor: int) -> bytes:
-    """What waits to be read; nothing if the terminal is gone."""
+def read_typed(descriptor: int) -> bytes:
+    """The bytes that wait to be read; none if the terminal is gone."""
     try:
         return os.read(descriptor, _READ)
     except OSError:

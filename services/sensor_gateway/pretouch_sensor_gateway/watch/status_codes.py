@@ -1,4 +1,4 @@
-"""What modules' status codes say, in words short enough for a table."""
+"""The meaning of modules' status codes, in words short enough for a table."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _VL6180X = {
     15: "range overflow",
     255: "absent",
 }
-"""Also of formats that tell no codes: the gateway then writes 0, 7 or 255."""
+"""Also for formats without status codes: the gateway then uses 0, 7 or 255."""
 _VL53L1X = {0: "ok", 1: "noise", 2: "weak signal", 4: "out of bounds", 7: "wrapped around", 255: "absent"}
 _OF_FORMAT = {"stm32duino": _VL53L1X}
 

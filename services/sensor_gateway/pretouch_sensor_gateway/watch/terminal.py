@@ -1,4 +1,4 @@
-"""Shows what is known of a gateway until it is enough: as a screen where there is one, else line by line."""
+"""Shows the state of a gateway: on a screen if there is a terminal, else line by line."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from contextlib import ExitStack, contextmanager, suppress
 from rich.console import Console
 from rich.live import Live
 
-from pretouch_sensor_gateway.watch.keys import Key, keys_in, typed, typing
-from pretouch_sensor_gateway.watch.lines import lines
+from pretouch_sensor_gateway.watch.keys import Key, parse_keys, raw_keyboard, read_typed
+from pretouch_sensor_gateway.watch.log_lines import log_lines
 from pretouch_sensor_gateway.watch.state import Watch
 from pretouch_sensor_gateway.watch.view import View
 
 REDRAW_PERIOD = 0.125
-"""Seconds between two pictures while something changes."""
+"""Seconds between two redraws while something changes."""
 _IDLE_PERIOD = 1.0
-"""Seconds after which a picture is drawn anyway, for its clock goes on."""
+"""Seconds after which the screen is redrawn anyway, because it shows the time."""
 LINE_PERIOD = 1.0
 """Seconds between two lines for a device."""
 
 
 async def show(watch: Watch, seconds: float | None) -> None:
-    """Shows `watch` for so long, or until q, Ctrl-C, SIGTERM or SIGHUP; whoever reads it may go away too."""
+    """Shows `watch` for so long, or until q, Ctrl-C, SIGTERM or SIGHUP, or until the output is closed."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
     console = Console()
@@ -40,7 +40,7 @@ async def show(watch: Watch, seconds: float | None) -> None:
                 await _show_screen(watch, console, stop, end)
             else:
                 await _print_lines(watch, stop, end)
-        except OSError:  # the reader of the pipe, or the terminal, is gone: nothing can be told to anyone
+        except OSError:  # the terminal, or the reader of the pipe, is gone
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -71,7 +71,7 @@ async def _print_lines(watch: Watch, stop: asyncio.Event, end: float) -> None:
         await _until(stop, at)
         if stop.is_set():
             return
-        for line in lines(watch, time.time()):
+        for line in log_lines(watch, time.time()):
             print(line, flush=True)
 
 
@@ -94,7 +94,7 @@ async def _until(stop: asyncio.Event, end: float) -> None:
 
 @contextmanager
 def _stop_signals() -> Iterator[asyncio.Event]:
-    """An event that the signals set which would end the program; with a view on the screen it must end in order."""
+    """Yields an event that is set by signals which would end the program, so that the screen is restored first."""
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -109,16 +109,16 @@ def _stop_signals() -> Iterator[asyncio.Event]:
 
 @contextmanager
 def _keyboard(pressed: Callable[[Key | int], None]) -> Iterator[None]:
-    """Tells each key that is pressed; a terminal that is gone counts as `Key.QUIT`."""
+    """Calls `pressed` for each key; a terminal that is gone counts as `Key.QUIT`."""
     loop = asyncio.get_running_loop()
     descriptor = sys.stdin.fileno()
 
     def readable() -> None:
-        data = typed(descriptor)
-        for key in keys_in(data) if data else [Key.QUIT]:
+        data = read_typed(descriptor)
+        for key in parse_keys(data) if data else [Key.QUIT]:
             pressed(key)
 
-    with typing(descriptor):
+    with raw_keyboard(descriptor):
         loop.add_reader(descriptor, readable)
         try:
             yield

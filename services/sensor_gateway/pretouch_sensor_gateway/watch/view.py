@@ -1,4 +1,4 @@
-"""What a terminal shows of a gateway: the device that is looked at, and what happened to all of them."""
+"""The screen: the selected device, and the events of all devices."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from datetime import datetime
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text
 
-from pretouch_sensor_gateway.watch.events import Event, Weight
-from pretouch_sensor_gateway.watch.facts import STATE_STYLES, identity_facts, running_facts
-from pretouch_sensor_gateway.watch.modules import ModuleTable
+from pretouch_sensor_gateway.watch.events import Event, Severity
+from pretouch_sensor_gateway.watch.module_table import ModuleTable
 from pretouch_sensor_gateway.watch.state import Watch, WatchedDevice
+from pretouch_sensor_gateway.watch.status_facts import STATE_STYLES, identity_facts, running_facts
 
-_WEIGHT_STYLES = {Weight.GOOD: "green", Weight.NOTE: "", Weight.BAD: "yellow"}
+_SEVERITY_STYLES = {Severity.GOOD: "green", Severity.NOTE: "", Severity.BAD: "yellow"}
 _EVENTS = 8
 _LABEL = 10
 _LEAST_WIDTH = 10
 _LEAST_EVENTS = 2
 _LEAST_MODULES = 8
-"""Lines that each gets at the expense of the rest, where there are as many."""
+"""Lines that each of these gets first, if it has so many."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class View:
 
     Args:
         now: s, of the watch's steady clock.
-        wall: s since the Unix epoch at that moment.
-        keys: whether keys are listened to.
+        wall: Unix time at that moment, s.
+        keys: whether the keyboard is read.
     """
 
     watch: Watch
@@ -41,34 +41,34 @@ class View:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         height = options.height or console.height
-        lines = self._lines(_Paper(console, options.max_width), height - 1)[: height - 1]
+        lines = self._lines(_Layout(console, options.max_width), height - 1)[: height - 1]
         lines += [Text()] * (height - 1 - len(lines))
         yield Text("\n", no_wrap=True, overflow="crop", end="").join([*lines, self._foot()])
 
-    def _lines(self, paper: _Paper, height: int) -> list[Text]:
-        """All lines but the last; of events and modules as many as there is room for."""
+    def _lines(self, layout: _Layout, height: int) -> list[Text]:
+        """All lines but the last, with as many events and modules as there is room for."""
         device = self.watch.selected
-        above, modules, below = list(self._head(paper)), list[Text](), list[Text]()
+        above, modules, below = list(self._head(layout)), list[Text](), list[Text]()
         if device is not None:
-            above += [*paper.facts(identity_facts(device, self.now)), paper.rule()]
-            modules = list(ModuleTable(device, self.now, self.watch.live(device)).lines(paper.width))
-            below = [*[paper.rule()] * bool(modules), *paper.facts(running_facts(device)), paper.rule()]
-        events = [line for event in self.watch.events.last(_EVENTS) for line in self._event(event, paper)]
+            above += [*layout.facts(identity_facts(device, self.now)), layout.rule()]
+            modules = list(ModuleTable(device, self.now, self.watch.live(device)).lines(layout.width))
+            below = [*[layout.rule()] * bool(modules), *layout.facts(running_facts(device)), layout.rule()]
+        events = [line for event in self.watch.events.last(_EVENTS) for line in self._event(event, layout)]
         room = height - len(above)
         for_modules = max(room - len(below) - min(len(events), _LEAST_EVENTS), min(room, _LEAST_MODULES))
         modules = _fitted(modules, for_modules)
         for_events = max(0, room - len(modules) - len(below))
         return [*above, *modules, *below, *events[max(0, len(events) - for_events) :]]
 
-    def _head(self, paper: _Paper) -> Iterator[Text]:
-        yield self._title(paper.width)
+    def _head(self, layout: _Layout) -> Iterator[Text]:
+        yield self._title(layout.width)
         if not self.watch.connected:
-            yield from paper.wrapped(self._outage())
+            yield from layout.wrapped(self._outage())
         elif not self.watch.devices:
             yield Text(" The gateway has no device.", "yellow")
 
     def _title(self, width: int) -> Text:
-        """All devices if there is room for them, else the one that is looked at."""
+        """All devices if there is room for them, else the selected one."""
         where = Text(f"gateway {self.watch.address}  {_clock(self.wall)} ", "dim")
         room = width - where.cell_len
         names = self._names(self.watch.devices)
@@ -93,11 +93,11 @@ class View:
         again = f" Trying again in {wait} s." if wait > 0 else " Trying again …"
         return Text.assemble((self.watch.problem, "bold red"), again)
 
-    def _event(self, event: Event, paper: _Paper) -> Iterator[Text]:
+    def _event(self, event: Event, layout: _Layout) -> Iterator[Text]:
         times = [_clock(self.wall - (self.now - at)) for at in (event.at, event.first)]
         device = f"{event.device}: " if event.device and len(self.watch.devices) > 1 else ""
         since = f", since {times[1]}" if event.times > 1 else ""
-        return paper.facts([(times[0], Text(f"{device}{event.text}{since}", _WEIGHT_STYLES[event.weight]))])
+        return layout.facts([(times[0], Text(f"{device}{event.text}{since}", _SEVERITY_STYLES[event.severity]))])
 
     def _foot(self) -> Text:
         if not self.keys:
@@ -107,20 +107,20 @@ class View:
 
 
 @dataclass(frozen=True)
-class _Paper:
-    """What lines are written on: so wide."""
+class _Layout:
+    """Wraps lines to a width."""
 
     console: Console
     width: int
 
     def wrapped(self, text: Text, label: str = "", indent: int = 1) -> Iterator[Text]:
-        """The lines that `text` needs, indented, and `label` before the first one."""
+        """Wraps `text` into indented lines, with `label` before the first one."""
         for line in text.wrap(self.console, max(_LEAST_WIDTH, self.width - indent), overflow="fold"):
             yield Text.assemble((f"{label:{indent}}", "dim"), line)
             label = ""
 
     def facts(self, facts: Iterable[tuple[str, Text]]) -> Iterator[Text]:
-        """Labels, and beside each its fact, which may take several lines."""
+        """Labels with a fact beside each, which may take several lines."""
         for label, fact in facts:
             yield from self.wrapped(fact, f" {label} ", _LABEL)
 
@@ -129,7 +129,7 @@ class _Paper:
 
 
 def _fitted(lines: list[Text], room: int) -> list[Text]:
-    """As many lines as there is room for; the last one says how many are not shown."""
+    """As many lines as there is room for, with a last one that says how many are not shown."""
     if len(lines) <= room or room < 1:
         return lines[: max(0, room)]
     return [*lines[: room - 1], Text(f" … and {len(lines) - room + 1} more modules", "dim")]

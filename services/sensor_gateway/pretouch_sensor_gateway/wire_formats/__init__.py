@@ -1,1 +1,1 @@
-"""The wire formats that the gateway understands, a file each."""
+"""Parsers for the wire formats that the gateway understands, and what they have in common."""

@@ -1,11 +1,11 @@
-"""What Adafruit's example sketches for several sensors print (`vl6180x_triple`, `vl53l0x_multi_extended`).
+"""Reads what Adafruit's example sketches for several sensors print (`vl6180x_triple`, `vl53l0x_multi_extended`).
 
     97 : 55 : ### : 132                          milliseconds that the cycle took, then ranges in mm; ###: none
     35(2) : 55 : TTT : #6                        a mask of the sensors that did not answer, in hexadecimal; #6: status 6
     35(0) : 120   : 8190#4                       as the VL53L0X sketch prints it in continuous mode: range and status
     Addr: 30 Lux: 12.30 Range: 55 Addr: 31 Lux: 0.00(No convergence)      the mode that vl6180x_triple starts in
 
-None of them tells a time: how long a cycle took is no clock. The other modes of the VL53L0X sketch are not read.
+None of them has a time: how long a cycle took is no clock. The other modes of the VL53L0X sketch are not read.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 import re
 
-from pretouch_sensor_gateway.wire_formats.fields import NO_ANSWER, NO_TARGET, Reading, told_reading
-from pretouch_sensor_gateway.wire_formats.received import OK, Measurement
+from pretouch_sensor_gateway.wire_formats.parser import OK, Measurement
+from pretouch_sensor_gateway.wire_formats.text_fields import NO_ANSWER, NO_TARGET, Reading, reading_with_status
 
 _HEAD = re.compile(r"\d{1,10}(?:\(([0-9A-Fa-f]{1,16})\))?")
 _RANGE = re.compile(r"(\d{1,5})(?:#(\d{1,3}))?")
@@ -34,7 +34,7 @@ _STATUS_OF_WORDS = {
 
 
 def read_adafruit(line: str) -> Measurement | None:
-    """A line of ranges in any of the modes above."""
+    """Reads a line of ranges in any of the modes above."""
     if line.startswith("Addr: "):
         return _measurement([_default_mode(part) for part in (" " + line).split(" Addr: ")[1:]])
     head, *cells = re.split(" +: +", line)
@@ -53,10 +53,10 @@ def _cell(cell: str, pending: bool) -> Reading | None:
     if cell == "###":
         return math.nan, NO_ANSWER if pending else NO_TARGET
     if match := _STATUS.fullmatch(cell):
-        return told_reading(0, int(match[1]))
+        return reading_with_status(0, int(match[1]))
     if match := _RANGE.fullmatch(cell):
         # A sensor that did not answer leaves a zero, or the range of the cycle before.
-        return (math.nan, NO_ANSWER) if pending else told_reading(int(match[1]), int(match[2] or OK))
+        return (math.nan, NO_ANSWER) if pending else reading_with_status(int(match[1]), int(match[2] or OK))
     return None
 
 
@@ -65,14 +65,14 @@ def _default_mode(part: str) -> Reading | None:
     if match is None:
         return None
     if match["range"]:
-        return told_reading(int(match["range"]), OK)
+        return reading_with_status(int(match["range"]), OK)
     status = _STATUS_OF_WORDS.get(match["words"])
     return None if status is None else (math.nan, status)
 
 
 def _measurement(readings: list[Reading | None]) -> Measurement | None:
-    told = [reading for reading in readings if reading is not None and reading[1] <= NO_ANSWER]
-    if len(told) < len(readings):
+    valid = [reading for reading in readings if reading is not None and reading[1] <= NO_ANSWER]
+    if len(valid) < len(readings):
         return None
-    ranges, status = zip(*told, strict=True)
+    ranges, status = zip(*valid, strict=True)
     return Measurement(None, None, None, ranges, status)

@@ -1,7 +1,7 @@
-"""The binary format: a message and its CRC-16, COBS-encoded, ended by a zero byte.
+"""The binary format: a frame is a message and its CRC-16, COBS-encoded, ended by a zero byte.
 
-COBS (Cheshire and Baker, 1999) takes every zero out of the data, so that a zero always ends a frame and a listener that
-joins in the middle is in step at the next one. README.md describes the format for the author of a firmware.
+COBS (Cheshire and Baker, 1999) removes every zero from the data, so that a zero always ends a frame and a receiver that
+joins in the middle is synchronised at the next one. README.md describes the format for the author of a firmware.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pretouch_sensor_gateway.wire_formats.messages import (
     pack,
     unpack,
 )
-from pretouch_sensor_gateway.wire_formats.received import Received, Refusal
+from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Refusal
 
 MAX_FRAME = 208
 """Longest encoded frame without its zero, bytes: 64 modules.
@@ -43,7 +43,7 @@ def encode(message: Message) -> bytes:
 
 
 class FrameDecoder:
-    """Takes bytes as they come, in pieces of any size, and gives messages of either direction.
+    """Decodes bytes, in pieces of any size, into messages of either direction.
 
     Attributes:
         refused: frames refused so far, by reason.
@@ -67,7 +67,7 @@ class FrameDecoder:
         return messages
 
     def restart(self) -> None:
-        """Forgets a half frame: the line was cut."""
+        """Forgets a half-received frame: the port was closed."""
         self._buffer.clear()
         self._oversize = False
 
@@ -85,7 +85,7 @@ class FrameDecoder:
             self.refused[Refusal.OVERSIZE] += 1
             return None
         if not frame:
-            return None  # zeros in a row are idle filling
+            return None  # consecutive zeros are padding
         outcome = _decode(frame)
         if isinstance(outcome, Refusal):
             self.refused[outcome] += 1
@@ -93,31 +93,31 @@ class FrameDecoder:
         return outcome
 
 
-class BinaryFormat:
-    """The binary format as the gateway hears it (a `WireFormat`)."""
+class BinaryParser:
+    """Parses what a device sends in the binary format (a `Parser`)."""
 
     name = "binary"
     two_way = True
     tick_modulus = COUNTER_MODULUS
 
     def __init__(self) -> None:
-        self._frames = FrameDecoder()
+        self._decoder = FrameDecoder()
 
     @property
     def refused(self) -> Counter[Refusal]:
-        return self._frames.refused
+        return self._decoder.refused
 
-    def feed(self, data: bytes) -> list[Received]:
-        received: list[Received] = []
-        for message in self._frames.feed(data):
+    def feed(self, data: bytes) -> list[DeviceMessage]:
+        received: list[DeviceMessage] = []
+        for message in self._decoder.feed(data):
             if isinstance(message, Ping | Identify):
-                self.refused[Refusal.KIND] += 1  # our own words: the line echoes
+                self.refused[Refusal.KIND] += 1  # sent by the gateway itself: the port echoes
             else:
                 received.append(message)
         return received
 
     def restart(self) -> None:
-        self._frames.restart()
+        self._decoder.restart()
 
 
 def _decode(frame: bytes) -> Message | Refusal:

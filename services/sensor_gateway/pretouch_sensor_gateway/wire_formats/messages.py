@@ -1,4 +1,4 @@
-"""What the gateway and a finger say to each other in the binary format, and how each message is packed.
+"""The messages of the binary format, in both directions, and how each is packed.
 
 All numbers are little-endian. Every message starts with the same twelve bytes: version, kind, boot, sequence, time.
 """
@@ -10,11 +10,11 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
-from pretouch_sensor_gateway.wire_formats.received import Identity, Measurement, PingReply
+from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
 
 VERSION = 1
 RANGE_UNIT = 1e-4
-"""Metres of one step of a range on the wire: fine beside the 1.5 mm of the best sensor, 6.5 m at most."""
+"""Metres of one step of a range on the wire: fine compared to the 1.5 mm noise of the best sensor; 6.5 m at most."""
 MAX_MODULES = 64
 """With more, a message would exceed the 254 bytes in which COBS needs no long block (see binary.py)."""
 MAX_FIRMWARE = 32
@@ -69,7 +69,7 @@ class UnknownKind(ValueError):
 def pack(message: Message) -> bytes:
     """The bytes of `message`, without checksum and framing.
 
-    Ranges are rounded to `RANGE_UNIT` and held within what 16 bits can say; 1 to `MAX_MODULES` modules.
+    Ranges are rounded to `RANGE_UNIT` and clipped to 16 bits; 1 to `MAX_MODULES` modules.
 
     Raises:
         ValueError: a measurement without boot, sequence or time, or with another number of modules.
@@ -91,7 +91,7 @@ def unpack(data: bytes) -> Message:
     """The message that `pack` packed.
 
     Raises:
-        BadLength, UnknownVersion, UnknownKind: what the names say.
+        BadLength, UnknownVersion, UnknownKind: the message is not valid.
     """
     if len(data) < _HEADER.size:
         raise BadLength

@@ -1,4 +1,4 @@
-"""The log line of users of the stm32duino library for the VL53L1X: time, count, then each sensor's range and status.
+"""Reads log lines for the VL53L1X by users of the stm32duino library: time, count, each sensor's range and status.
 
     [00:04:54.034, 08749]      1243 [0]            1838 [4]
 
@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import re
 
-from pretouch_sensor_gateway.wire_formats.fields import NO_ANSWER, told_reading
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
-from pretouch_sensor_gateway.wire_formats.received import Measurement
+from pretouch_sensor_gateway.wire_formats.parser import Measurement
+from pretouch_sensor_gateway.wire_formats.text_fields import NO_ANSWER, reading_with_status
 
 DAY_MODULUS = 24 * 3600 * 1_000_000
 """Microseconds of a day."""
@@ -25,12 +25,12 @@ _MODULE = re.compile(r"(\d{1,5}) *\[(\d{1,3})\]")
 
 
 def read_stm32duino(line: str) -> Measurement | None:
-    """A line of time, count, ranges and status."""
+    """Reads a line of time, count, ranges and status."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
-    told = [told_reading(int(mm), int(status)) for mm, status in _MODULE.findall(match["modules"])]
-    ranges, status = zip(*told, strict=True)
+    valid = [reading_with_status(int(mm), int(status)) for mm, status in _MODULE.findall(match["modules"])]
+    ranges, status = zip(*valid, strict=True)
     if max(status) > NO_ANSWER:
         return None
     seconds = (int(match["hours"]) * 60 + int(match["minutes"])) * 60 + int(match["seconds"])

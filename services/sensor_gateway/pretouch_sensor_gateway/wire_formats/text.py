@@ -1,28 +1,29 @@
-"""A device that prints a line for every measurement."""
+"""Parses devices that print a line of text for every measurement."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
 
-from pretouch_sensor_gateway.wire_formats.lines import LineSplitter
+from pretouch_sensor_gateway.wire_formats.line_splitter import LineSplitter
 from pretouch_sensor_gateway.wire_formats.messages import MAX_MODULES
-from pretouch_sensor_gateway.wire_formats.received import Measurement, Received, Refusal
+from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Measurement, Refusal
 
 ReadLine = Callable[[str], Measurement | None]
-"""What a line of printable ASCII says; None if it is not of the format."""
+"""Reads a line of printable ASCII; None if it is not of the format."""
 
 
-class TextFormat:
-    """A line-based format (a `WireFormat`). Nothing is ever sent to such a device.
+class TextParser:
+    """Parses a line-based format (a `Parser`). Nothing is ever sent to such a device.
 
     Lines have no checksum, so a lost byte can join or cut numbers. A line with another number of modules than those
-    before is therefore refused; when a second one has that number before any has the old one, it holds from then on.
+    before is therefore refused; when a second one has that number before any has the old one, the new number is
+    accepted.
 
     Args:
-        name: as a configuration names it.
+        name: of the format, as in a configuration.
         read: reads a line.
-        tick_modulus: microseconds at which the device's time wraps; None if it tells none.
+        tick_modulus: microseconds at which the device's time wraps; None if it sends none.
     """
 
     two_way = False
@@ -34,10 +35,10 @@ class TextFormat:
         self._read = read
         self._lines = LineSplitter()
         self._modules: int | None = None
-        self._rival_modules: int | None = None
+        self._candidate_modules: int | None = None
 
-    def feed(self, data: bytes) -> list[Received]:
-        received: list[Received] = []
+    def feed(self, data: bytes) -> list[DeviceMessage]:
+        received: list[DeviceMessage] = []
         for line in self._lines.feed(data):
             outcome = line if isinstance(line, Refusal) else self._measurement(line)
             if isinstance(outcome, Refusal):
@@ -48,15 +49,15 @@ class TextFormat:
 
     def restart(self) -> None:
         self._lines.restart()
-        self._modules = self._rival_modules = None
+        self._modules = self._candidate_modules = None
 
     def _measurement(self, line: str) -> Measurement | Refusal:
         measurement = self._read(line)
         if measurement is None or not 1 <= len(measurement.ranges) <= MAX_MODULES:
             return Refusal.FIELDS
         modules = len(measurement.ranges)
-        if self._modules is None or modules in (self._modules, self._rival_modules):
-            self._modules, self._rival_modules = modules, None
+        if self._modules is None or modules in (self._modules, self._candidate_modules):
+            self._modules, self._candidate_modules = modules, None
             return measurement
-        self._rival_modules = modules
+        self._candidate_modules = modules
         return Refusal.FIELDS

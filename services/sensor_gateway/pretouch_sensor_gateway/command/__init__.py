@@ -1,0 +1,11 @@
+"""`pretouch gateway`: watch a finger's ranges live, calibrate its modules."""
+
+from __future__ import annotations
+
+import typer
+
+from pretouch_sensor_gateway.command import calibrate, watch
+
+gateway = typer.Typer(help="A finger at work: watch its ranges live, calibrate its modules.", no_args_is_help=True)
+gateway.command("watch")(watch.watch)
+gateway.command("calibrate")(calibrate.calibrate)
