@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from camera_residuals import NEAR, SCALES, Mask, Residuals, Truth, residuals, smoothed, truth_of
 from pretouch_simulation.depth_cameras import CameraModel, realise
 from pretouch_simulation.frames import frame_case, load_frame, load_images
 from pretouch_simulation.objects import MAKERS
@@ -16,6 +15,7 @@ from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.world import World
 from scipy import ndimage
 
+from experiments.camera_residuals import NEAR, SCALES, Mask, Residuals, Truth, residuals, smoothed, truth_of
 from pretouch.camera import Camera
 from pretouch.geometry import Array, Plane, Pose
 

@@ -1,24 +1,21 @@
-"""Jobs of one scan each made by worker processes, kept as they come, with what they will cost told before."""
+"""Runs one-scan jobs in worker processes, with an estimate of the time; finished rows survive an interruption."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
-from kept import Kept
-from one_scan import ALGORITHM_1, CANDIDATES, PAPER, Job, Row, prepare, run_job
 from pretouch_detector.proposals import readiness
+from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.workers import in_workers
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from experiments.one_scan import ALGORITHM_1, CANDIDATES, PAPER, Job, Row, prepare, run_job
 from pretouch.errors import Unavailable
 from pretouch.session import Proposer
 
-SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).resolve().parents[2] / "shared"))
-RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 PROPOSERS = (Proposer.RANDOM, Proposer.NARF, Proposer.STABILITY, Proposer.DEEP)
 _SECONDS = {"ideal": 0.18, "vl6180x": 0.35, "cone": 0.35, "random": 0.35, PAPER: 0.015}
 """Of one core, for one scan and its match."""
@@ -40,15 +37,13 @@ def ready(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
     return usable, missing
 
 
-def collect(jobs: Sequence[Job], workers: int | None, path: Path, settings: dict[str, Any], title: str) -> list[Row]:
-    """Makes all jobs that `path` does not hold the rows of; in the order of the jobs.
+def collect(jobs: Sequence[Job], workers: int | None, kept: PartialRows, title: str) -> list[Row]:
+    """Runs the jobs whose rows are not in `kept` yet; the rows of all, in the order of the jobs.
 
     Raises:
-        Conflict: `path` holds rows made with other settings.
-        KeyboardInterrupt: what was made by then is in `path`.
+        KeyboardInterrupt: what was made by then is in `kept`.
     """
-    kept = Kept(path, settings)
-    rows = {row.key: row for row in (Row(**values) for values in kept.rows)}
+    rows = {row.key: row for row in map(Row.from_dict, kept.rows)}
     missing = [job for job in jobs if job.key not in rows]
     processes = workers or os.cpu_count() or 1
     console = Console(stderr=True)

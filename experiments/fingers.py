@@ -1,6 +1,6 @@
 """Simulated fingertips beside real time-of-flight modules, and what each reads over an edge and a bar.
 
-    python experiments/fingers.py [--ranges DIR] [--fingers 200] [--seed 0] [--out docs/results]
+    python -m experiments.fingers [--ranges DIR] [--fingers 200] [--seed 0] [--out docs/results]
 
 Writes fingers.md and fingers.png. DIR is data/real_tof of PRETOUCH_SHARED unless given.
 """
@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from collecting import RESULTS, SHARED
-from fingers_picture import facing_down, save_picture
 from pretouch_simulation.finger import Finger, FingerModel, realise
+from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.protocol import TABLE, generator
 from pretouch_simulation.world import World
 
-from pretouch.errors import NotFound, PretouchError
+from experiments.command_line import command_of, run_or_exit
+from experiments.fingers_picture import facing_down, save_picture
+from experiments.folders import RESULTS, SHARED
+from pretouch.errors import NotFound
 from pretouch.geometry import Array
 
 DISTANCES = np.arange(0.030, 0.0901, 0.005)
@@ -65,11 +65,7 @@ def main() -> None:
     parser.add_argument("--fingers", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=RESULTS)
-    arguments = parser.parse_args()
-    try:
-        run(arguments)
-    except PretouchError as error:
-        sys.exit(f"{error.detail} {error.remedy}")
+    run_or_exit(parser.parse_args(), run)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -82,7 +78,7 @@ def run(arguments: argparse.Namespace) -> None:
     walls = {model: simulated(fingers_of(model, arguments.fingers, arguments.seed)) for model in FingerModel}
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
-    command = shlex.join(["python", "experiments/fingers.py", *sys.argv[1:]])
+    command = command_of("fingers")
     (out / "fingers.md").write_text(text(command, zones, static, walls))
     curves = {"TMF8820, 9 zones": zones} | {f"{model}, 9 fingers": walls[model].errors for model in FOREIGN}
     wander = {"VL53L0X": between_means(static, _STATIC_RATE)} | {model.value: walls[model].wander for model in walls}
@@ -101,7 +97,7 @@ def real_zones(folder: Path) -> Array:
     captures = json.loads(_found(folder / "tmf8820_plane.json").read_text())
     by_distance = {round(1000 * capture["dist_to_plane"]): capture["distances"][0]["depths_1"] for capture in captures}
     depths = np.array([by_distance[round(1000 * distance)] for distance in DISTANCES], dtype=np.float64).T / 1000
-    return np.where(depths > 0, depths, np.nan) - DISTANCES
+    return np.asarray(np.where(depths > 0, depths, np.nan) - DISTANCES, dtype=np.float64)
 
 
 def real_static(folder: Path) -> Array:
@@ -141,7 +137,8 @@ def simulated(fingers: Sequence[Finger]) -> Walls:
 def _error(finger: Finger, rng: np.random.Generator) -> Array:
     readings = _readings(finger, np.repeat(DISTANCES, _REPEATS), rng).reshape(len(DISTANCES), _REPEATS)
     enough = np.isfinite(readings).mean(axis=1) > 0.5
-    return np.where(enough, middle(np.where(enough[:, None], readings, 0.0)), np.nan) - DISTANCES
+    means = np.where(enough, middle(np.where(enough[:, None], readings, 0.0)), np.nan)
+    return np.asarray(means - DISTANCES, dtype=np.float64)
 
 
 def middle(readings: Array) -> Array:
@@ -200,8 +197,7 @@ def text(command: str, zones: Array, static: Array, walls: dict[FingerModel, Wal
             "that span, as the rms that each adds. The TMF8820's are single captures in steps of 1 mm (0.29 rms by "
             "themselves), uncalibrated; the simulated fingers are calibrated, and means of 200 readings without the "
             "outer fifth.\n",
-            *_table(header, rows),
-            "",
+            markdown_table(header, rows),
             f"{dark} of the random fingers read nothing on a part of the span: a dark table.\n",
             "Over 30 to 100 mm the TMF8820's second degree is 0.7 mm rms, of one sign in all zones, and each higher "
             "one 0.2: that is what a line leaves, and a cubic what the higher degrees hold. `random` draws one or the "
@@ -209,8 +205,7 @@ def text(command: str, zones: Array, static: Array, walls: dict[FingerModel, Wal
             "## What the ranges of a scan share\n",
             f"Standard deviations on a wall that stands still, {1000 * STATIC_AT:.0f} mm away: of single readings, and "
             "between means over a time (of the simulated fingers: between scans, each without its outer fifth).\n",
-            *_table(["", "single", *(f"{seconds:g} s" for seconds in SECONDS)], times),
-            "",
+            markdown_table(["", "single", *(f"{seconds:g} s" for seconds in SECONDS)], times),
             "White noise of 2.15 mm would leave 0.12 after 6 s of the VL53L0X; what does not average out is the bias "
             "that all ranges of a scan share.\n",
             "## Over an edge and a bar\n",
@@ -230,10 +225,6 @@ def _curve_row(name: str, errors: Array) -> list[str]:
 
 def _time_row(name: str, single: float, wander: Array) -> list[str]:
     return [name, f"{1000 * single:.2f}", *(f"{1000 * value:.2f}" for value in wander)]
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows)]
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from pretouch_detector.proposals import propose
-from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_detector.spread import spread
 from pretouch_detector.training import trials
 from pretouch_registrar.engines import Engine
@@ -30,7 +29,7 @@ from pretouch_simulation.protocol import case_of, generator, make_case, offset_a
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array, Pose
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Scan, Sensor
@@ -41,6 +40,9 @@ ALGORITHM_1 = "algorithm 1"
 """The subject whose regions are the best of a thousand by the paper's Algorithm 1, run on the view itself: what
 labels so made point to."""
 PAPER = "paper"
+_NAMES_IN_FILES = {"predicted": "foreseen"}
+"""Of those members of a `Row` whose name in a file is another one."""
+_FIELDS = {name: field for field, name in _NAMES_IN_FILES.items()}
 _SESSION_REGIONS = 20
 """A session asks its detector for so many; the first of them count."""
 
@@ -96,7 +98,7 @@ class Row:
         confidence: the proposer's, one a rectangle.
         errors: m, (r, offsets).
         initial: m, (offsets,): without a scan.
-        foreseen: m, (r,): what the registrar foretold; of CANDIDATES under a finger only, else empty.
+        predicted: m, (r,): what the registrar predicted; of CANDIDATES under a finger only, else empty.
         pathless: rectangles that cannot be scanned: their errors are the initial ones.
         problem: why there is nothing else, else empty.
     """
@@ -113,7 +115,7 @@ class Row:
     confidence: list[float]
     errors: list[list[float]]
     initial: list[float]
-    foreseen: list[float]
+    predicted: list[float]
     pathless: int
     problem: str = ""
 
@@ -126,8 +128,12 @@ class Row:
         """Rows of one table agree in this."""
         return self.offsets, self.seed
 
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Row:
+        return cls(**{_FIELDS.get(name, name): value for name, value in values.items()})
+
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        return {_NAMES_IN_FILES.get(name, name): value for name, value in asdict(self).items()}
 
 
 def run_job(job: Job) -> Row:
@@ -139,7 +145,7 @@ def run_job(job: Job) -> Row:
     try:
         return Row(**about, **_scored(job))
     except PretouchError as error:
-        nothing: dict[str, Any] = {name: [] for name in ("rectangles", "confidence", "errors", "initial", "foreseen")}
+        nothing: dict[str, Any] = {name: [] for name in ("rectangles", "confidence", "errors", "initial", "predicted")}
         return Row(**about, **nothing, pathless=0, problem=f"{error.detail} {error.remedy}".strip())
 
 
@@ -177,21 +183,21 @@ def first_regions(scene: Scene, proposer: Proposer, sensor: Sensor, count: int) 
 def _scored(job: Job) -> dict[str, Any]:
     view = seen(job.target, job.seed)
     sensor = _scoring(job).finger.sensor
-    foretold = job.subject == CANDIDATES and job.setup != PAPER
+    ask = job.subject == CANDIDATES and job.setup != PAPER
     if job.subject == ALGORITHM_1:
         regions = _by_labels(view.scene, job)
     else:
         proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
         regions = first_regions(view.scene, proposer, sensor, job.count)
     rectangles = [region.rectangle for region in regions]
-    errors, foreseen, pathless = _errors(view, rectangles, job, foretold)
+    errors, predicted, pathless = _errors(view, rectangles, job, ask)
     cloud, truths = view.case.cloud, _truths(view, job)
     return {
         "rectangles": [np.round(rectangle.as_list(), 4).tolist() for rectangle in rectangles],
         "confidence": [round(region.confidence, 5) for region in regions],
         "errors": np.round(errors, 7).tolist(),
         "initial": [round(scans.mean_error(cloud, truth, Pose.identity()), 7) for truth in truths],
-        "foreseen": np.round(foreseen, 7).tolist(),
+        "predicted": np.round(predicted, 7).tolist(),
         "pathless": pathless,
     }
 
@@ -214,9 +220,9 @@ def _truths(view: LabelView, job: Job) -> list[Pose]:
 
 
 def _errors(
-    view: LabelView, rectangles: Sequence[RotatedRectangle], job: Job, foretold: bool = False
+    view: LabelView, rectangles: Sequence[RotatedRectangle], job: Job, ask: bool = False
 ) -> tuple[Array, Array, int]:
-    """Errors (r, o), m, what was foretold of them (r,), m, and how many rectangles have no path."""
+    """Errors (r, o), m, the predicted errors (r,), m, and how many rectangles have no path."""
     errors = np.full((len(rectangles), job.offsets), np.nan)
     scoring = _scoring(job)
     paths = [None] * len(rectangles) if job.setup == PAPER else scans.paths_of(view, rectangles, scoring)
@@ -227,8 +233,8 @@ def _errors(
                 errors[k, o] = _cut_error(view, rectangle, truth, rng)
             else:
                 errors[k, o], _ = scans.after_scan(view, paths[k], truth, scoring, rng)
-    foreseen = scans.foreseen(view, paths, scoring) if foretold else np.zeros(0)
-    return errors, foreseen, 0 if job.setup == PAPER else paths.count(None)
+    predicted = scans.predict_errors(view, paths, scoring) if ask else np.zeros(0)
+    return errors, predicted, 0 if job.setup == PAPER else paths.count(None)
 
 
 def _cut_error(view: LabelView, rectangle: RotatedRectangle, truth: Pose, rng: np.random.Generator) -> float:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from one_scan import CANDIDATES, Row
-from oracle import chance, gap_closed, hindsight, oracle, ranked
 
+from experiments.one_scan import CANDIDATES, Row
+from experiments.oracle import chance, gap_closed, hindsight, oracle, ranked
 from pretouch.geometry import Array
 
 LARGE = 0.01
@@ -68,7 +68,7 @@ class Ends:
     chance: float
     oracle: float
     hindsight: float
-    foreseen: float
+    predicted: float
 
 
 def cell(rows: Sequence[Row]) -> Cell | None:
@@ -101,13 +101,13 @@ def ends(rows: Sequence[Row]) -> Ends | None:
     scanned = [row for row in rows if row.subject == CANDIDATES and row.errors]
     if not scanned:
         return None
-    foreseen = [ranked(row.errors, row.foreseen) for row in scanned if row.foreseen]
+    predicted = [ranked(row.errors, row.predicted) for row in scanned if row.predicted]
     return Ends(
         targets=len(scanned),
         chance=_mean([chance(row.errors) for row in scanned]),
         oracle=_mean([oracle(row.errors) for row in scanned]),
         hindsight=_mean([hindsight(row.errors) for row in scanned]),
-        foreseen=_mean(foreseen) if foreseen else float("nan"),
+        predicted=_mean(predicted) if predicted else float("nan"),
     )
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_simulation.reliability import save_small
 
+from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 
 _COLUMNS = 4

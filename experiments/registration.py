@@ -1,6 +1,6 @@
 """What the registrar is worth: its engines side by side, whether their uncertainty is honest, and where it fails.
 
-    python experiments/registration.py [--meshes DIR] [--split validation] [--limit 40] [--analogues DIR] [--views 4]
+    python -m experiments.registration [--meshes DIR] [--split validation] [--limit 40] [--analogues DIR] [--views 4]
         [--scans 5] [--engines paper ...] [--sensors ideal vl6180x] [--shared-scans] [--out docs/results]
 
 The protocol of `pretouch evaluate`, proposer `random`, on two folders: the validation side of the training meshes and
@@ -14,22 +14,19 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import shlex
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from collecting import SHARED
-from command_line import start
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol, steps_of
+from pretouch_simulation.evaluation import steps_of
 from pretouch_simulation.evaluation_comparison import compared, comparison_table
 from pretouch_simulation.evaluation_honesty import honesty
 from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
+from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_summary import by_setup, states_after, summaries
 from pretouch_simulation.evaluation_table import by_scan, honesty_table
@@ -44,6 +41,8 @@ from pretouch_simulation.worst import diagnose, worst_runs
 from pretouch_simulation.worst_picture import Failure, save_worst
 from rich.console import Console
 
+from experiments.command_line import command_of, run_resumable
+from experiments.folders import SHARED
 from pretouch.session import Planner, Proposer
 
 ENGINES = [*(engine for engine in Engine if engine is not Engine.POSTERIOR), Engine.POSTERIOR]
@@ -75,7 +74,7 @@ def main() -> None:
     parser.add_argument("--engines", type=Engine, nargs="+", choices=list(Engine), default=ENGINES)
     parser.add_argument("--sensors", type=FingerModel, nargs="+", choices=list(FingerModel), default=SENSORS)
     parser.add_argument("--shared-scans", action="store_true", help="all engines match the scans that the last plans")
-    start(parser, run)
+    run_resumable(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -108,7 +107,7 @@ def run(arguments: argparse.Namespace) -> None:
     out.mkdir(parents=True, exist_ok=True)
     texts, content, partials = [_introduction(arguments)], {}, []
     for part in parts:
-        kept = PartialResults(out / f"registration-{part.name}", first)
+        kept = PartialResults(out / f"registration-{part.name}", first, "--out")
         known, started = len(kept.runs), time.perf_counter()
         runs = run_with_progress(part.tasks, protocols, arguments.workers, kept, Console(stderr=True), part.name)
         if made := len(kept.runs) - known:
@@ -117,7 +116,7 @@ def run(arguments: argparse.Namespace) -> None:
         text, content[part.name] = _results(part, runs, first, out)
         texts.append(text)
         partials.append(kept)
-    command = shlex.join(["python", "experiments/registration.py", *sys.argv[1:]])
+    command = command_of("registration")
     (out / "registration.json").write_text(json.dumps({"command": command, "seed": 0, "parts": content}) + "\n")
     (out / "registration.md").write_text("\n".join(texts))
     for kept in partials:
@@ -131,7 +130,7 @@ def _introduction(arguments: argparse.Namespace) -> str:
         if arguments.shared_scans
         else "Each engine drives its own sessions; `ms` is from a scan's samples to the next plan, opening included."
     )
-    command = shlex.join(["python", "experiments/registration.py", *sys.argv[1:]])
+    command = command_of("registration")
     return (
         "# What the registrar is worth\n\n"
         f"`{command}`, seed 0: proposer `random`, planner `information`. {how} Errors are the mean distance of the "

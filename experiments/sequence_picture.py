@@ -8,13 +8,13 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from one_scan_picture import COLOURS
 from pretouch_simulation.evaluation import Step
 from pretouch_simulation.picture import limits, thinned
 from pretouch_simulation.protocol import Case
 from pretouch_simulation.reliability import save_small
-from sessions import Course, after_scan, errors_at
 
+from experiments.one_scan_picture import COLOURS
+from experiments.sessions import Course, after_scan, errors_at
 from pretouch.geometry import Array, Pose
 from pretouch.tof import Scan
 

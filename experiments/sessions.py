@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol, run_task
+from pretouch_simulation.evaluation import run_task
+from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.evaluation_tasks import MeshTask
 from pretouch_simulation.finger import FingerModel
 

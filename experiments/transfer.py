@@ -1,6 +1,6 @@
 """What carries over to real depth frames, on which nothing was trained or tuned.
 
-    python experiments/transfer.py [--frames DIR] [--scenes DIR] [--proposers random narf stability deep] [--offsets 4]
+    python -m experiments.transfer [--frames DIR] [--scenes DIR] [--proposers random narf stability deep] [--offsets 4]
         [--settings real paper] [--sensor ideal|vl6180x|cone|random] [--candidates 0] [--sheet 12] [--out docs/results]
 
 With ground truth (`--frames`, data/real_depth/ycb_video of PRETOUCH_SHARED unless given): the first and the last frame
@@ -14,28 +14,28 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
-import sys
 import time
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from collecting import PROPOSERS, SHARED, collect, jobs_of, ready
-from command_line import start
-from one_scan import PAPER, Job, Target, first_regions
-from one_scan_picture import save
-from one_scan_text import section
 from pretouch_simulation.finger import FingerModel, realise
 from pretouch_simulation.frames import load_frame
 from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks
+from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.protocol import generator
 from pretouch_simulation.split import mixed
-from proposals_picture import Proposed, save_sheet
 from rich.console import Console
 from rich.progress import track
 
+from experiments.collecting import PROPOSERS, collect, jobs_of, ready
+from experiments.command_line import command_of, run_resumable
+from experiments.folders import SHARED
+from experiments.one_scan import PAPER, Job, Target, first_regions
+from experiments.one_scan_picture import save
+from experiments.one_scan_text import section
+from experiments.proposals_picture import Proposed, save_sheet
 from pretouch.errors import InvalidInput, NotFound, PretouchError
 from pretouch.scene import Scene
 from pretouch.session import Proposer
@@ -56,7 +56,7 @@ def main() -> None:
     parser.add_argument("--candidates", type=int, default=0, help="0: no oracle")
     parser.add_argument("--sheet", type=int, default=12, help="views on a contact sheet")
     parser.add_argument("--seed", type=int, default=0)
-    start(parser, run)
+    run_resumable(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -67,8 +67,9 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out
     settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
     jobs = _jobs(arguments, proposers)
-    rows = collect(jobs, arguments.workers, out / "transfer.partial", settings, "real frames")
-    command = shlex.join(["python", "experiments/transfer.py", *sys.argv[1:]])
+    kept = PartialRows(out / "transfer.partial", settings)
+    rows = collect(jobs, arguments.workers, kept, "real frames")
+    command = command_of("transfer")
     content = {"commands": [command], "not_ready": missing, "rows": [row.as_dict() for row in rows]}
     (out / "transfer.json").write_text(json.dumps(content) + "\n")
     save(rows, out / "transfer.png")
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> None:
     text.append("![Errors by object](transfer.png)\n")
     text += _sheets(arguments, proposers, missing)
     (out / "transfer.md").write_text("\n".join(text))
-    (out / "transfer.partial").unlink(missing_ok=True)
+    kept.remove()
     print("\n".join(text))
 
 

@@ -36,7 +36,7 @@ _SERVE_HELP = {
     - PRETOUCH_ORCHESTRATOR_REST_HOST (127.0.0.1), PRETOUCH_ORCHESTRATOR_REST_PORT (8080)
     """,
     "detector": "Where is it worth looking? Proposes regions of a depth image to scan.",
-    "registrar": """Where is the object? Estimates the correction from the scans, and foretells what a scan would bring.
+    "registrar": """Where is the object? Estimates the correction from the scans, and predicts what a scan would bring.
 
     Its own option is an environment variable:
 

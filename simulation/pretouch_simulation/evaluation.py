@@ -8,73 +8,21 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from pretouch_orchestrator.loop import Loop
 from pretouch_orchestrator.record import Record
-from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Pose
-from pretouch.session import Budget, Planner, Proposer, SessionRequest, Tolerance
 from pretouch_simulation.depth_cameras import CameraModel
+from pretouch_simulation.evaluation_protocol import Protocol, finger_of, loop_of, request_of
 from pretouch_simulation.evaluation_rows import Detail, Outcome, Row, Run, RunKey
 from pretouch_simulation.evaluation_tasks import Task
-from pretouch_simulation.finger import Finger, FingerModel, realise
+from pretouch_simulation.finger import Finger, FingerModel
 from pretouch_simulation.fitted_truth import fitted_truth
-from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.objects import box
+from pretouch_simulation.paper_setting import run_case
 from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.scanning import scan_along
-from pretouch_simulation.tip_height import TipHeight
-
-NEVER_CONVERGED = 1e-6
-"""m: a tolerance that no estimate meets."""
-
-
-@dataclass(frozen=True)
-class Protocol:
-    """What is evaluated; two runs with equal ones give equal rows, but for `compute_ms`.
-
-    Attributes:
-        scans, seconds, fraction: the budget; left out, only the number of scans counts.
-        proposer: None lets the detector choose.
-        tolerance: m; a session that reaches it stops.
-        paper_setting: the paper's own way of testing, see `paper_setting.py`.
-        leader: the engine by whose estimates the scans are planned, so that all engines are given the same ones;
-            None: the whole loop runs on `engine`.
-        camera: of views of meshes.
-        tip: how low it is planned.
-    """
-
-    scans: int
-    proposer: Proposer | None
-    engine: Engine
-    planner: Planner
-    sensor: FingerModel
-    seed: int
-    tolerance: float = NEVER_CONVERGED
-    paper_setting: bool = False
-    leader: Engine | None = None
-    camera: CameraModel = CameraModel.KINECT
-    seconds: float = 1e6
-    fraction: float = 1.0
-    tip: TipHeight = TipHeight.SAFE
-
-
-def of_frames(protocol: Protocol, tolerance: float | None) -> Protocol:
-    """The same for real frames: a session's default budgets, and its default tolerance unless another one, m, is given.
-
-    What is random is fixed by the tasks, so that a row does not depend on which other seeds were asked for.
-    """
-    budget = Budget()
-    return replace(
-        protocol,
-        scans=budget.scans,
-        seconds=budget.seconds,
-        fraction=budget.fraction,
-        tolerance=tolerance or Tolerance().error,
-        seed=0,
-    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)  # asyncio.run spells out what it returns, arrays too: seconds a run
@@ -154,8 +102,6 @@ def _outcomes(
     case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar
 ) -> list[Outcome]:
     if protocol.paper_setting:
-        from pretouch_simulation.paper_setting import run_case
-
         return asyncio.run(run_case(case, protocol, registrar))
     return [step.outcome for step in _steps(case, protocol, led, registrar)]
 
@@ -171,30 +117,6 @@ def warm_up(protocols: Sequence[Protocol]) -> None:
     for protocol in protocols:
         with suppress(PretouchError):  # a proposer that is not ready is said of every run
             asyncio.run(session(case, replace(protocol, scans=1), registrar))
-
-
-def finger_of(case: Case, protocol: Protocol) -> Finger:
-    """The fingertip of the protocol's run on `case`: one for all of its scans."""
-    return realise(protocol.sensor, generator("finger-model", protocol.seed, case.name, case.view))
-
-
-def request_of(case: Case, protocol: Protocol) -> SessionRequest:
-    """What a client asks for."""
-    return SessionRequest(
-        camera=case.camera,
-        base_T_camera=case.base_T_camera,
-        depth_scale=1.0,
-        tolerance=Tolerance(error=protocol.tolerance),
-        budget=Budget(scans=protocol.scans, seconds=protocol.seconds, fraction=protocol.fraction),
-        sensor=finger_of(case, protocol).sensor,
-        proposer=protocol.proposer,
-        planner=protocol.planner,
-    )
-
-
-def loop_of(protocol: Protocol, registrar: Registrar) -> Loop:
-    """The orchestrator's own loop over the services' own code."""
-    return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine, registrar), protocol.tip.margins)
 
 
 def steps_of(case: Case, protocol: Protocol, upto: int) -> list[Step]:

@@ -15,6 +15,7 @@ from pretouch_simulation.evaluation_convergence import convergence
 from pretouch_simulation.evaluation_honesty import Honesty, honesty
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_summary import Setup, Summary, by_setup, summaries, summary_of
+from pretouch_simulation.markdown import markdown_table
 
 Judged = TypeVar("Judged", Summary, Honesty)
 _ERRORS = ("mean cm", "median", "std", "p95", "> 1 cm")
@@ -41,8 +42,7 @@ class Table:
 
     def markdown(self) -> str:
         """Without the title."""
-        lines = (self.headings, ["---"] * len(self.headings), *self.lines)
-        return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+        return markdown_table(self.headings, self.lines)
 
 
 def by_scan(runs: Sequence[Run], scans: Sequence[int]) -> Table:

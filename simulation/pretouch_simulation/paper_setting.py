@@ -18,7 +18,7 @@ from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import State
 from pretouch.tof import Scan
-from pretouch_simulation.evaluation import Protocol, loop_of, request_of
+from pretouch_simulation.evaluation_protocol import Protocol, loop_of, request_of
 from pretouch_simulation.evaluation_rows import Outcome
 from pretouch_simulation.protocol import Case, generator
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from experiment_modules import EXPERIMENTS, sessions
 from made_frame import write_mesh
 from pretouch_simulation.objects import MAKERS
+
+from experiments import sessions
 
 ONE = sessions.Course("cup", 0, "deep", "confidence", 0.02, (0.06, 0.11), (0.008, 0.002))
 ENDED = sessions.Course("box", 0, "deep", "confidence", 0.01, (0.10,), (0.004,))
@@ -37,7 +38,7 @@ def test_a_level_is_reached_where_the_mean_first_is_that_low() -> None:
 def test_sequence_is_made_for_both_planners(tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
     write_mesh(tmp_path / "meshes" / "drill.obj", MAKERS["drill"]())
-    command = [sys.executable, str(EXPERIMENTS / "sequence.py"), "--meshes", str(tmp_path / "meshes")]
+    command = [sys.executable, "-m", "experiments.sequence", "--meshes", str(tmp_path / "meshes")]
     command += ["--proposers", "random", "--scans", "1", "--workers", "1", "--pictures", "1", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr[-2000:]

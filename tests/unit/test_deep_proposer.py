@@ -59,9 +59,9 @@ def test_the_regions_are_the_networks_best_of_many(network: Network) -> None:
     check(scene, rectangles)
     assert len(rectangles) == 20
     assert (np.diff(confidences) <= 0).all()
-    errors = deep.foretold(network, scene, Sensor(), rectangles)
+    errors = deep.predict_errors(network, scene, Sensor(), rectangles)
     np.testing.assert_allclose(confidences, 1 - errors / from_prior(Prior(), scene.cloud).expected_error)
-    draws = deep.foretold(network, scene, Sensor(), drawn(scene, 200, np.random.default_rng(1)))
+    draws = deep.predict_errors(network, scene, Sensor(), drawn(scene, 200, np.random.default_rng(1)))
     assert (errors < np.median(draws)).all()
     assert errors[0] < np.quantile(draws, 0.02)
 

@@ -84,7 +84,7 @@ def test_the_weights_that_are_shipped_make_deep_the_best_and_know_a_bad_region_f
     u0, v0, u1, v1 = SCENE.bounds()
     across = (0.5 * (u0 + u1), 0.5 * (v0 + v1), 0.7 * (u1 - u0), 0.7 * (v1 - v0), 0.3)
     corner = (u0, v0, 0.2 * (u1 - u0), 0.2 * (v1 - v0), 0.0)
-    good, bad = deep.foretold(deep.WEIGHTS.network(), SCENE, Sensor(), np.array([across, corner]))
+    good, bad = deep.predict_errors(deep.WEIGHTS.network(), SCENE, Sensor(), np.array([across, corner]))
     assert 0.0005 < good < bad < 0.03
 
 

@@ -46,7 +46,7 @@ def test_every_rectangle_of_algorithm_1_keeps_all_its_scores(full: Example) -> N
     assert full.scores.shape == (12, 3)
     assert np.isfinite(full.scores).all()
     assert np.isnan(full.expected).all()
-    assert np.isnan(full.foreseen).all()
+    assert np.isnan(full.predicted).all()
     assert full.object == "code__blocks_006"
     assert full.provenance["source"] == "made in code"
     u0, v0 = full.provenance["first_pixel"]
@@ -62,16 +62,16 @@ def test_pruning_finds_the_same_winner_with_the_same_scores(full: Example, tmp_p
     assert np.isnan(np.delete(pruned.scores, winner, axis=0)).all()
 
 
-def test_a_scanned_view_keeps_what_was_foretold_and_what_came_of_it(tmp_path: Path) -> None:
+def test_a_scanned_view_keeps_what_was_predicted_and_what_came_of_it(tmp_path: Path) -> None:
     recipe = Recipe(Kind.SCANS, Engine.POSTERIOR, rectangles=5, scanned=2, trials=1)
     view = made(Task(0, 1, 0), recipe, tmp_path)
     scanned = np.isfinite(view.scores[:, 0])
     assert scanned.sum() == 2
-    assert scanned[np.argmin(view.foreseen)]
+    assert scanned[np.argmin(view.predicted)]
     np.testing.assert_array_equal(np.isfinite(view.expected[:, 0]), scanned)
     left = from_prior(Prior(), view.scene.cloud).expected_error
-    assert (view.foreseen > 0).all()
-    assert (view.foreseen < 1.001 * left).all()
+    assert (view.predicted > 0).all()
+    assert (view.predicted < 1.001 * left).all()
     assert (view.scores[scanned] < 0.06).all()
     again = made(Task(0, 1, 0), recipe, tmp_path / "again")
     np.testing.assert_array_equal(again.scores, view.scores)
@@ -86,7 +86,7 @@ def test_a_view_is_scanned_by_a_finger_of_its_own(tmp_path: Path) -> None:
     ideal = made(Task(0, 1, 0), replace(recipe, finger=FingerModel.IDEAL), tmp_path / "ideal")
     assert np.isfinite(view.scores).sum() == 1
     np.testing.assert_array_equal(again.scores, view.scores)
-    assert (view.foreseen != ideal.foreseen).any()
+    assert (view.predicted != ideal.predicted).any()
     assert (ideal.sensor.range_std, ideal.sensor.beam_half_angle) == (Sensor().range_std, 0.0)
     others = [made(task, recipe, tmp_path) for task in (Task(0, 0, 0), Task(0, 1, 1))]
     assert len({each.sensor.range_std for each in (view, *others)}) == 3
@@ -183,12 +183,12 @@ def test_statistics_of_a_view_know_best_median_and_what_cannot_be_scanned() -> N
     view = example(rectangles=4, trials=2)
     left = from_prior(Prior(), view.scene.cloud).expected_error
     scores = np.array([[0.03, 0.01], [0.02, 0.022], [np.nan, np.nan], [0.04, 0.01]])
-    changed = replace(view, scores=scores, foreseen=np.array([0.01, left, np.float32(left), 0.5 * left]))
+    changed = replace(view, scores=scores, predicted=np.array([0.01, left, np.float32(left), 0.5 * left]))
     mean = statistics_of(changed, "train", worst=False)
     assert (mean.best, mean.median, mean.unscannable) == (pytest.approx(0.02), pytest.approx(0.021), 0.5)
     worst = statistics_of(changed, "train", worst=True)
     assert (worst.best, worst.median) == (pytest.approx(0.022), pytest.approx(0.03))
-    assert np.isnan(statistics_of(replace(view, foreseen=np.full(4, np.nan)), "train", True).unscannable)
+    assert np.isnan(statistics_of(replace(view, predicted=np.full(4, np.nan)), "train", True).unscannable)
 
 
 def test_statistics_tell_what_of_a_score_is_luck() -> None:

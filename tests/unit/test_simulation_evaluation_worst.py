@@ -8,7 +8,8 @@ import pytest
 from made_runs import KEY, run_of
 from PIL import Image
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol, Step, steps_of
+from pretouch_simulation.evaluation import Step, steps_of
+from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.objects import box
 from pretouch_simulation.protocol import CAMERA, Case, make_case

@@ -41,7 +41,7 @@ class Recipe:
 
     Attributes:
         rectangles, trials: of each view, and of each rectangle.
-        scanned: rectangles of a view whose trials are made, of `SCANS`: half of them those that the registrar foretells
+        scanned: rectangles of a view whose trials are made, of `SCANS`: half of them those that the registrar predicts
             to be best, the others drawn from the rest.
         best_only: only the winner's trials are all made, of `TRIALS`.
         finger: of `SCANS`; another fingertip of the model for each view.
@@ -116,15 +116,15 @@ def label(task: ViewTask, recipe: Recipe, folder: Path, threads: int | None = 1)
         scene, origin = task.scene(recipe.seed)
         settings = trials.Settings(recipe.rectangles, recipe.trials, MATCHINGS[recipe.engine], recipe.best_only)
         rectangles, scores = trials.label(scene, settings, rng, threads)
-        expected, foreseen, sensor = np.full_like(scores, np.nan), np.full(len(scores), np.nan), Sensor()
+        expected, predicted, sensor = np.full_like(scores, np.nan), np.full(len(scores), np.nan), Sensor()
     else:
         view = task.seen(recipe.seed)
         scene, origin = view.scene, view.origin
         finger = realise(recipe.finger, generator("finger-model", recipe.seed, view.case.name, view.case.view))
-        rectangles, scores, expected, foreseen = _scanned(view, recipe, finger, rng)
+        rectangles, scores, expected, predicted = _scanned(view, recipe, finger, rng)
         sensor = finger.sensor
     provenance = {**task.provenance, "first_pixel": list(origin)}
-    example = Example(task.name, task.object, scene, sensor, rectangles, scores, expected, foreseen, provenance)
+    example = Example(task.name, task.object, scene, sensor, rectangles, scores, expected, predicted, provenance)
     write(Dataset(folder).path(task.side, task.name), example)
 
 
@@ -141,9 +141,9 @@ def _scanned(
     paths = scans.paths_of(view, rectangles, scoring)
     if not any(paths):
         raise InvalidInput("No rectangle of the view can be scanned.", "Leave the object out.")
-    foreseen = scans.foreseen(view, paths, scoring)
-    order = np.argsort(foreseen, kind="stable")
+    predicted = scans.predict_errors(view, paths, scoring)
+    order = np.argsort(predicted, kind="stable")
     best = order[: recipe.scanned // 2]
     rest = rng.permutation(order[len(best) :])[: recipe.scanned - len(best)]
     errors, expected = scans.score(view, paths, [*best.tolist(), *rest.tolist()], scoring)
-    return np.array([rectangle.as_list() for rectangle in rectangles]), errors, expected, foreseen
+    return np.array([rectangle.as_list() for rectangle in rectangles]), errors, expected, predicted

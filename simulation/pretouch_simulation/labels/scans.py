@@ -52,8 +52,8 @@ def paths_of(view: LabelView, rectangles: Sequence[RotatedRectangle], scoring: S
     return plan_paths(view.scene, rectangles, from_prior(scoring.settings.prior, view.scene.cloud), ScanSettings())
 
 
-def foreseen(view: LabelView, paths: Sequence[Trajectory | None], scoring: Scoring) -> Array:
-    """(r,), m: the error that the registrar foretells for each path; without a path, what the prior leaves."""
+def predict_errors(view: LabelView, paths: Sequence[Trajectory | None], scoring: Scoring) -> Array:
+    """(r,), m: the error that the registrar predicts for each path; without a path, what the prior leaves."""
     settings = scoring.settings
     left = np.full(len(paths), from_prior(settings.prior, view.scene.cloud).expected_error)
     there = [path for path in paths if path is not None]

@@ -54,9 +54,9 @@ def statistics_of(example: Example, side: str, worst: bool) -> ViewStatistics:
     """Of a view; `worst` as in `Example.achieved`."""
     errors = example.achieved(worst)
     unscannable = np.nan
-    if not np.isnan(example.foreseen).all():
+    if not np.isnan(example.predicted).all():
         left = from_prior(Prior(), example.scene.cloud).expected_error
-        unscannable = float((example.foreseen >= (1.0 - _SAME) * left).mean())
+        unscannable = float((example.predicted >= (1.0 - _SAME) * left).mean())
     known = np.sort(errors[~np.isnan(errors)])
     return ViewStatistics(example.object, side, len(example.rectangles), known, unscannable, _agreement(example, worst))
 

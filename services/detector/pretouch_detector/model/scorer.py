@@ -20,9 +20,9 @@ from pretouch_detector.model.information import object_of, remaining
 
 POINTS = 48
 """Points along a perimeter, evenly."""
-OUTPUTS = ("log_error", "log_std", "log_expected", "log_foreseen")
+OUTPUTS = ("log_error", "log_std", "log_expected", "log_predicted")
 """Log of the mean error, m; log of the standard deviation of the error's logarithm; and logs, m, of what the registrar
-expects after the scan and foretells before it: the last two only help to learn."""
+expects after the scan and predicts before it: the last two only help to learn."""
 _DIRECTIONS = 2
 """That a beam fixes the place along."""
 _USUAL = 0.007

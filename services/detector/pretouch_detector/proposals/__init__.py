@@ -14,10 +14,10 @@ import numpy as np
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput, Unavailable
 from pretouch.geometry import Plane, Pose
+from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Sensor
-from pretouch_detector.proposals.region import ProposedRegion
 
 MAX_REGIONS = 200
 _PROPOSERS = (Proposer.DEEP, Proposer.STABILITY, Proposer.RANDOM, Proposer.NARF)

@@ -1,7 +1,7 @@
-"""Proposer `deep`: random candidates ranked by the pose error that a trained network foretells for each.
+"""Proposer `deep`: random candidates ranked by the pose error that a trained network predicts for each.
 
-The network looks at the scene once, then along the perimeters, and corrects what proposer `stability` works out. Of the
-candidates that are poor by `stability` it is not asked: it seldom makes them good, and its time is dear.
+The network looks at the scene once, then along the perimeters, and corrects what proposer `stability` works out. It is
+not asked about candidates that `stability` rates poorly: it seldom rates them better, and each one takes time.
 """
 
 from __future__ import annotations
@@ -11,21 +11,20 @@ import numpy as np
 from pretouch.errors import Unavailable
 from pretouch.estimate import Prior, from_prior
 from pretouch.geometry import Array
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.model.encoding import encode
 from pretouch_detector.model.weights import FOLDER, THREADS, Network, Weights
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.proposals.random import drawn
-from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_detector.spread import spread
 
 WEIGHTS = Weights(FOLDER)
 _MARGIN = 0.13
 """m around the object that the network may see: a session's view has about as much, and the network learned by it."""
 _CANDIDATES, _ASKED = 480, 240
-"""Drawn, and of them the best by `stability` that the network is asked about; of each at least as many as wanted."""
+"""How many are drawn, and how many of the best by `stability` the network is asked about; never fewer than wanted."""
 
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
@@ -71,7 +70,7 @@ def regions(
     return [ProposedRegion(RotatedRectangle(*rectangles[k]), float(confidence[k])) for k in kept]
 
 
-def foretold(network: Network, scene: Scene, sensor: Sensor, rectangles: Array) -> Array:
+def predict_errors(network: Network, scene: Scene, sensor: Sensor, rectangles: Array) -> Array:
     """(n,), m: the error that a scan along each perimeter would leave; rectangles (n, 5) in the scene's pixels."""
     analytic, _ = remaining_error(scene, sensor, rectangles)
     return network.errors(encode(scene), rectangles, analytic)

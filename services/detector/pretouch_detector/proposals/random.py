@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.overlap import common_areas
-from pretouch_detector.proposals.region import ProposedRegion
 
 MIN_OVERLAP = 0.15
 """Least intersection over union with the object's bounding rectangle (Lancaster et al. 2017, Algorithm 1)."""

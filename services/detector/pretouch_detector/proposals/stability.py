@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.proposals.random import drawn
-from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_detector.spread import spread
 
 _CANDIDATES = 200

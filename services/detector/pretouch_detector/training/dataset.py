@@ -52,7 +52,8 @@ class Example:
         rectangles: (r, 5) as [x, y, w, h, theta], in the scene's pixels.
         scores: (r, t), m: each rectangle's error in each trial; NaN where the trial was not made.
         expected: (r, t), m: what the engine expected of its error once the trial was made; NaN where it does not say.
-        foreseen: (r,), m: what the registrar foretold before any trial; NaN where it was not asked.
+        predicted: (r,), m: what the registrar predicted before any trial; NaN where it was not asked. In the file it is
+            `foreseen`.
         provenance: where the view comes from and how it was made.
     """
 
@@ -63,21 +64,21 @@ class Example:
     rectangles: Array
     scores: Array
     expected: Array
-    foreseen: Array
+    predicted: Array
     provenance: dict[str, Any]
 
     def __post_init__(self) -> None:
         rectangles = frozen_array(self.rectangles, (None, 5), "rectangles")
         scores, expected = np.asarray(self.scores, dtype=np.float64), np.asarray(self.expected, dtype=np.float64)
-        foreseen = np.asarray(self.foreseen, dtype=np.float64)
-        shapes = {"scores": scores.shape, "expected": expected.shape, "foreseen": foreseen.shape}
+        predicted = np.asarray(self.predicted, dtype=np.float64)
+        shapes = {"scores": scores.shape, "expected": expected.shape, "predicted": predicted.shape}
         r = len(rectangles)
-        if scores.ndim != 2 or shapes != {"scores": scores.shape, "expected": (r, scores.shape[1]), "foreseen": (r,)}:
+        if scores.ndim != 2 or shapes != {"scores": scores.shape, "expected": (r, scores.shape[1]), "predicted": (r,)}:
             raise InvalidInput(f"{r} rectangles come with {shapes}.", "Give (r, t), (r, t) and (r,) numbers.")
         object.__setattr__(self, "rectangles", rectangles)
         object.__setattr__(self, "scores", scores)
         object.__setattr__(self, "expected", expected)
-        object.__setattr__(self, "foreseen", foreseen)
+        object.__setattr__(self, "predicted", predicted)
 
     def achieved(self, worst: bool) -> Array:
         """(r,), m: each rectangle's error over its trials, NaN where none was made.
@@ -186,7 +187,7 @@ def write(path: Path, example: Example) -> None:
             rectangles=example.rectangles.astype(np.float32),
             scores=example.scores.astype(np.float32),
             expected=example.expected.astype(np.float32),
-            foreseen=example.foreseen.astype(np.float32),
+            foreseen=example.predicted.astype(np.float32),
             about=np.frombuffer(json.dumps(about).encode(), dtype=np.uint8),
         )
     draft.replace(path)

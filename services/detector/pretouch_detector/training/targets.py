@@ -15,7 +15,7 @@ from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.training.dataset import Dataset, Example
 
 Floats = NDArray[np.float32]
-ACHIEVED, EXPECTED, FORESEEN = range(3)
+ACHIEVED, EXPECTED, PREDICTED = range(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,8 @@ class Targets:
         rectangles: (r, 5), as `Encoding.normalised`.
         analytic: (r,), m: what the perimeter tells by itself, see `proposals.information`.
         errors: (r, 3), m: ACHIEVED, the mean over the trials, or of the paper's trials the worst; EXPECTED by the
-            engine after them; FORESEEN before them. NaN where unknown.
+            engine after them; PREDICTED by the
+            registrar before them. NaN where unknown.
     """
 
     image: Floats
@@ -46,7 +47,7 @@ def targets_of(example: Example, worst: bool) -> Targets:
     expected = np.full(len(example.rectangles), np.nan)
     told = ~np.isnan(example.expected).all(axis=1)
     expected[told] = np.nanmean(example.expected[told], axis=1)
-    errors = np.column_stack([example.achieved(worst), expected, example.foreseen]).astype(np.float32)
+    errors = np.column_stack([example.achieved(worst), expected, example.predicted]).astype(np.float32)
     analytic, _ = remaining_error(example.scene, example.sensor, example.rectangles)
     return Targets(encoding.image, encoding.normalised(example.rectangles), analytic.astype(np.float32), errors)
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch.camera import Camera, DepthImage
+from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.proposals.narf.features import features
 from pretouch_detector.proposals.narf.rectangles import region
-from pretouch_detector.proposals.region import ProposedRegion
 
 SUPPORT = 0.05
 """m: how large a keypoint's surroundings are. The paper does not say; at this size half of the objects that stand on a
