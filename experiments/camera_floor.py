@@ -39,13 +39,13 @@ def run(arguments: argparse.Namespace) -> None:
     paths = meshes_in(arguments.meshes, (), arguments.limit, Split.VALIDATION)
     lines = []
     for camera in CameraModel:
-        cm = 100 * np.array(_floors(paths, arguments.seed, camera))
+        cm = 100 * np.array(_measure_floors(paths, arguments.seed, camera))
         figures = (cm.mean(), np.median(cm), np.percentile(cm, 95))
         lines.append([camera.value, str(len(cm)), *(f"{figure:.2f}" for figure in figures)])
     print(markdown_table(["camera", "n", "mean, cm", "median", "p95"], lines), end="")
 
 
-def _floors(paths: list[Path], seed: int, camera: CameraModel) -> list[float]:
+def _measure_floors(paths: list[Path], seed: int, camera: CameraModel) -> list[float]:
     cases = (make_case(path.stem, load_mesh(path), 0, seed, camera) for path in paths)
     return [case.error(fitted_truth(case)) for case in track(cases, f"{camera}", total=len(paths))]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from pretouch_detector.proposals import readiness
 from pretouch_simulation.partial_rows import PartialRows
-from pretouch_simulation.workers import in_workers
+from pretouch_simulation.workers import run_in_workers
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -22,7 +22,7 @@ _SECONDS = {"ideal": 0.18, "vl6180x": 0.35, "cone": 0.35, "random": 0.35, PAPER:
 _VIEW_SECONDS, _LABELLED_VIEW_SECONDS = 1.0, 12.0
 
 
-def ready(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
+def split_by_readiness(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
     """Those that can be used, and why the others cannot.
 
     Raises:
@@ -37,7 +37,7 @@ def ready(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
     return usable, missing
 
 
-def collect(jobs: Sequence[Job], workers: int | None, kept: PartialRows, title: str) -> list[Row]:
+def run_jobs(jobs: Sequence[Job], workers: int | None, kept: PartialRows, title: str) -> list[Row]:
     """Runs the jobs whose rows are not in `kept` yet; the rows of all, in the order of the jobs.
 
     Raises:
@@ -56,7 +56,7 @@ def collect(jobs: Sequence[Job], workers: int | None, kept: PartialRows, title: 
             title, total=sum(costs.values()), completed=int(sum(costs.get(key, 0.0) for key in rows))
         )
         setups = tuple(dict.fromkeys(job.setup for job in missing))
-        for row in in_workers(run_job, [(job,) for job in missing], processes, prepare, (setups,)):
+        for row in run_in_workers(run_job, [(job,) for job in missing], processes, prepare, (setups,)):
             kept.add(row.as_dict())
             rows[row.key] = row
             progress.advance(bar, costs[row.key])

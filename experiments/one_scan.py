@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from pretouch_detector.proposals import propose
-from pretouch_detector.spread import spread
+from pretouch_detector.spread import suppress_overlapping
 from pretouch_detector.training import trials
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
@@ -25,7 +25,7 @@ from pretouch_simulation.labels.view import LabelView, view_of
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.objects import box
 from pretouch_simulation.paper_setting import cut
-from pretouch_simulation.protocol import case_of, generator, make_case, offset_about
+from pretouch_simulation.protocol import case_of, draw_offset_about, generator, make_case
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array, Pose
@@ -143,7 +143,7 @@ def run_job(job: Job) -> Row:
         **{"setup": job.setup, "subject": job.subject, "count": job.count, "offsets": job.offsets, "seed": job.seed},
     }
     try:
-        return Row(**about, **_scored(job))
+        return Row(**about, **_run(job))
     except PretouchError as error:
         nothing: dict[str, Any] = {name: [] for name in ("rectangles", "confidence", "errors", "initial", "predicted")}
         return Row(**about, **nothing, pathless=0, problem=f"{error.detail} {error.remedy}".strip())
@@ -155,11 +155,11 @@ def prepare(setups: Sequence[str]) -> None:
     v, u = np.argwhere(view.scene.mask).mean(axis=0)
     rectangles = [RotatedRectangle(u, v, 30, 30, 0)]
     for setup in setups:
-        _errors(view, rectangles, Job(Target(Path("warm-up"), 0), setup, CANDIDATES, 1, 1, 0))
+        _scan_rectangles(view, rectangles, Job(Target(Path("warm-up"), 0), setup, CANDIDATES, 1, 1, 0))
 
 
 @lru_cache(maxsize=6)
-def seen(target: Target, seed: int) -> LabelView:
+def load_view(target: Target, seed: int) -> LabelView:
     """The target as a session sees it, beside its world.
 
     Raises:
@@ -170,7 +170,7 @@ def seen(target: Target, seed: int) -> LabelView:
     return view_of(make_case(target.path.stem, load_mesh(target.path), target.view, seed))
 
 
-def first_regions(scene: Scene, proposer: Proposer, sensor: Sensor, count: int) -> list[ProposedRegion]:
+def propose_first(scene: Scene, proposer: Proposer, sensor: Sensor, count: int) -> list[ProposedRegion]:
     """The first `count` regions that a session on this scene would be given.
 
     Raises:
@@ -180,17 +180,17 @@ def first_regions(scene: Scene, proposer: Proposer, sensor: Sensor, count: int) 
     return propose(scene, proposer, sensor, max(count, _SESSION_REGIONS), seed).regions[:count]
 
 
-def _scored(job: Job) -> dict[str, Any]:
-    view = seen(job.target, job.seed)
+def _run(job: Job) -> dict[str, Any]:
+    view = load_view(job.target, job.seed)
     sensor = _scoring(job).finger.sensor
     ask = job.subject == CANDIDATES and job.setup != PAPER
     if job.subject == ALGORITHM_1:
-        regions = _by_labels(view.scene, job)
+        regions = _best_by_labels(view.scene, job)
     else:
         proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
-        regions = first_regions(view.scene, proposer, sensor, job.count)
+        regions = propose_first(view.scene, proposer, sensor, job.count)
     rectangles = [region.rectangle for region in regions]
-    errors, predicted, pathless = _errors(view, rectangles, job, ask)
+    errors, predicted, pathless = _scan_rectangles(view, rectangles, job, ask)
     cloud, truths = view.case.cloud, _truths(view, job)
     return {
         "rectangles": [np.round(rectangle.as_list(), 4).tolist() for rectangle in rectangles],
@@ -202,11 +202,11 @@ def _scored(job: Job) -> dict[str, Any]:
     }
 
 
-def _by_labels(scene: Scene, job: Job) -> list[ProposedRegion]:
+def _best_by_labels(scene: Scene, job: Job) -> list[ProposedRegion]:
     rng = generator("algorithm 1", job.seed, job.target.name)
-    rectangles, scores = trials.label(scene, trials.Settings(), rng, threads=1)
+    rectangles, scores = trials.label_scene(scene, trials.Settings(), rng, threads=1)
     ranked = rectangles[np.argsort(scores.max(axis=1), kind="stable")]
-    return [ProposedRegion(RotatedRectangle(*ranked[k]), 0.5) for k in spread(ranked, job.count)]
+    return [ProposedRegion(RotatedRectangle(*ranked[k]), 0.5) for k in suppress_overlapping(ranked, job.count)]
 
 
 def _scoring(job: Job) -> scans.Scoring:
@@ -216,10 +216,10 @@ def _scoring(job: Job) -> scans.Scoring:
 
 def _truths(view: LabelView, job: Job) -> list[Pose]:
     names = ("hidden offset", job.seed, job.target.name)
-    return [offset_about(view.scene.centroid, generator(*names, k)) for k in range(job.offsets)]
+    return [draw_offset_about(view.scene.centroid, generator(*names, k)) for k in range(job.offsets)]
 
 
-def _errors(
+def _scan_rectangles(
     view: LabelView, rectangles: Sequence[RotatedRectangle], job: Job, ask: bool = False
 ) -> tuple[Array, Array, int]:
     """Errors (r, o), m, the predicted errors (r,), m, and how many rectangles have no path."""
@@ -230,14 +230,14 @@ def _errors(
         for k, rectangle in enumerate(rectangles):
             rng = generator("one scan", *job.key, job.seed, k, o)
             if job.setup == PAPER:
-                errors[k, o] = _cut_error(view, rectangle, truth, rng)
+                errors[k, o] = _scan_by_cutting(view, rectangle, truth, rng)
             else:
-                errors[k, o], _ = scans.after_scan(view, paths[k], truth, scoring, rng)
+                errors[k, o], _ = scans.scan_and_register(view, paths[k], truth, scoring, rng)
     predicted = scans.predict_errors(view, paths, scoring) if ask else np.zeros(0)
     return errors, predicted, 0 if job.setup == PAPER else paths.count(None)
 
 
-def _cut_error(view: LabelView, rectangle: RotatedRectangle, truth: Pose, rng: np.random.Generator) -> float:
+def _scan_by_cutting(view: LabelView, rectangle: RotatedRectangle, truth: Pose, rng: np.random.Generator) -> float:
     """m: the paper's own setting; the whole object counts, not only what was cut out."""
     scene = view.scene
     points = cut(view.case, truth.apply(scene.cloud), rectangle.shifted(*view.origin), rng)

@@ -30,7 +30,7 @@ from pretouch_simulation.labels.view import LabelView
 from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
-from pretouch_simulation.protocol import Case, generator, hidden_offset, make_case
+from pretouch_simulation.protocol import Case, draw_hidden_offset, generator, make_case
 from pretouch_simulation.split import Split
 from rich.console import Console
 from rich.progress import track
@@ -179,13 +179,13 @@ def compare(view: View, stage: int, offsets: int, seed: int) -> Comparison:
         present.append(session.error(session.estimate))
         paths = session.paths()
         predicted.append(session.registrar.predict(view.scene, session.scans, Settings(), paths))
-        milliseconds.append(_timed(session, paths))
+        milliseconds.append(_time_prediction(session, paths))
         achieved.append(session.achieved(paths))
     by_candidate = np.transpose(predicted).tolist(), np.transpose(achieved).tolist()
     return Comparison(view.case.name, stage, present, *by_candidate, milliseconds)
 
 
-def _timed(session: Session, paths: Sequence[Trajectory]) -> float:
+def _time_prediction(session: Session, paths: Sequence[Trajectory]) -> float:
     """ms of a prediction for TIMED candidates, its scans registered before."""
     many = [paths[k % len(paths)] for k in range(TIMED)]
     started = time.perf_counter()
@@ -234,7 +234,7 @@ def sessions(view: View, stage: int, offsets: int, seed: int) -> Iterable[Sessio
     registrar = Registrar()
     for k in range(offsets):
         names = ("prediction", seed, view.case.name, k)
-        truth = hidden_offset(view.case.cloud, generator(*names))
+        truth = draw_hidden_offset(view.case.cloud, generator(*names))
         session = Session(view, truth, (), registrar.register(view.scene, (), Settings()), names, registrar)
         for rectangle in view.made[:stage]:
             path = plan_paths(view.scene, [rectangle], session.estimate, ScanSettings())[0]

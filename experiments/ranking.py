@@ -65,7 +65,7 @@ def rankings() -> dict[str, Ranking]:
         REGISTRAR: lambda example: example.predicted,
         "stability": lambda example: remaining_error(example.scene, example.sensor, example.rectangles)[0],
     }
-    if not deep.not_ready():
+    if not deep.reason_not_ready():
         network = deep.WEIGHTS.network()
         ready["deep"] = lambda example: deep.predict_errors(network, example.scene, example.sensor, example.rectangles)
     return ready

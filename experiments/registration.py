@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import steps_of
-from pretouch_simulation.evaluation_comparison import compared, comparison_table
+from pretouch_simulation.evaluation import run_steps
+from pretouch_simulation.evaluation_comparison import compare_engines, comparison_table
 from pretouch_simulation.evaluation_honesty import honesty
 from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace) -> None:
         if made := len(kept.runs) - known:
             pace = (time.perf_counter() - started) / made
             print(f"{part.name}: {made} runs, {pace:.2f} s of wall clock each")
-        text, content[part.name] = _results(part, runs, first, out)
+        text, content[part.name] = _write_results(part, runs, first, out)
         texts.append(text)
         partials.append(kept)
     command = command_of("registration")
@@ -139,7 +139,7 @@ def _introduction(arguments: argparse.Namespace) -> str:
     )
 
 
-def _results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> tuple[str, dict[str, Any]]:
+def _write_results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> tuple[str, dict[str, Any]]:
     """The part's section of the report, its pictures written, and its content for programs."""
     told = [scan for scan in SCANS_TOLD if scan <= protocol.scans]
     drawn = [scan for scan in SCANS_DRAWN if scan <= protocol.scans]
@@ -151,7 +151,7 @@ def _results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> 
     subject = engines[-1]
     objects: dict[str, Any] = {}
     for other in engines[:-1]:
-        pairs = compared(runs, told[-1], subject, other)
+        pairs = compare_engines(runs, told[-1], subject, other)
         objects[other] = [asdict(pair) for pair in pairs]
         if other == (PEER if PEER in engines[:-1] else engines[-2]):
             lines.append(f"### By object, after scan {told[-1]}\n\n{comparison_table(pairs, subject, other)}")
@@ -161,7 +161,7 @@ def _results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> 
         path = out / f"registration-{part.name}-{name}.png"
         save(runs, drawn, f"{titles[name]}: {part.title}", path)
         lines.append(f"![{titles[name]}]({path.name})\n")
-    lines += _failures(part, [run for run in runs if run.engine == subject], protocol, out)
+    lines += _picture_failures(part, [run for run in runs if run.engine == subject], protocol, out)
     content = {
         "summaries": [_finite(asdict(one)) for one in summaries(runs, told)],
         "honesty": [asdict(one) for one in honesty(runs, told)],
@@ -182,7 +182,7 @@ def _reliability(runs: Sequence[Run], scans: Sequence[int]) -> list[dict[str, An
     return found
 
 
-def _failures(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> list[str]:
+def _picture_failures(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> list[str]:
     """Pictures of the worst runs, made once more for it, and their reasons."""
     lines = ["### The worst runs\n"]
     paths = {path.stem: path for path, _ in part.tasks}
@@ -192,7 +192,7 @@ def _failures(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) ->
             for one in worst_runs([run for run in runs if run.sensor == sensor], scan, WORST):
                 case = make_case(one.mesh, load_mesh(paths[one.mesh]), one.view, protocol.seed, camera=protocol.camera)
                 engine = Engine(one.engine)
-                steps = steps_of(case, replace(protocol, engine=engine, sensor=FingerModel(sensor)), scan)
+                steps = run_steps(case, replace(protocol, engine=engine, sensor=FingerModel(sensor)), scan)
                 record = steps[-1].record
                 title = f"{one.mesh}, view {one.view}"
                 failures.append(Failure(title, case, record, diagnose(case, record, engine)))

@@ -54,7 +54,9 @@ class Outcome(NamedTuple):
     state: State
 
 
-async def session(case: Case, protocol: Protocol, registrar: Registrar, fault: Callable[[Finger], Finger]) -> Outcome:
+async def run_session(
+    case: Case, protocol: Protocol, registrar: Registrar, fault: Callable[[Finger], Finger]
+) -> Outcome:
     """The first scans of `case` by the protocol's finger as the fault leaves it."""
     loop, finger = loop_of(protocol, registrar), fault(finger_of(case, protocol))
     request = replace(request_of(case, protocol), sensor=finger.sensor)
@@ -114,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             protocol = Protocol(
                 10, Proposer.RANDOM, Engine.POSTERIOR, Planner.INFORMATION, model, given.seed, tolerance=0.003
             )
-            rows[name].append(asyncio.run(session(case, protocol, registrar, fault)))
+            rows[name].append(asyncio.run(run_session(case, protocol, registrar, fault)))
     command = command_of("sensor_faults", arguments)
     (given.out / "sensor-faults.md").write_text(text(command, len(paths), rows))
 

@@ -18,7 +18,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from pretouch_simulation.evaluation import Step, steps_of, warm_up
+from pretouch_simulation.evaluation import Step, run_steps, warm_up
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
@@ -26,15 +26,15 @@ from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.protocol import Case, make_case
 from pretouch_simulation.split import Split
-from pretouch_simulation.workers import in_workers
+from pretouch_simulation.workers import run_in_workers
 from rich.console import Console
 from rich.progress import track
 
-from experiments.collecting import PROPOSERS, ready
+from experiments.collecting import PROPOSERS, split_by_readiness
 from experiments.command_line import command_of, run_resumable
 from experiments.folders import SHARED
 from experiments.sequence_picture import save_clouds, save_curves
-from experiments.sessions import Course, after_scan, errors_at, protocol_of, reached, run_session
+from experiments.sessions import Course, errors_at, means_after_scan, protocol_of, run_session, share_to_reach
 from pretouch.errors import InvalidInput
 from pretouch.session import Planner, Proposer
 
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Makes the sessions and writes everything into `arguments.out`."""
     if min(arguments.views, arguments.scans) < 1:
         raise InvalidInput("There is nothing to scan.", "Give at least one view and one scan.")
-    proposers, missing = ready(arguments.proposers)
+    proposers, missing = split_by_readiness(arguments.proposers)
     paths = meshes_in(arguments.meshes, limit=arguments.limit, split=arguments.split)
     out: Path = arguments.out
     settings = {"scans": arguments.scans, "sensor": arguments.sensor.value, "seed": arguments.seed}
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> None:
     save_curves(good, arguments.scans, title, out / "sequence.png")
     if arguments.pictures:
         name = f"scans by {proposers[-1]}, in the order of its confidence (grey: the true object)"
-        save_clouds(_pictured(arguments, proposers[-1], paths), name, out / "sequence-clouds.png")
+        save_clouds(_run_pictured_sessions(arguments, proposers[-1], paths), name, out / "sequence-clouds.png")
         text += "\n![Clouds and scans](sequence-clouds.png)\n"
     text += "".join(f"\n`{name}` is left out: {reason}\n" for name, reason in missing.items())
     failed = [course for course in courses if course.problem]
@@ -115,14 +115,14 @@ def _run_sessions(
     seconds = len(calls) * (1 + arguments.scans * _SECONDS_A_SCAN) / workers
     console.print(f"sessions: {len(calls)} of {len(wanted)} to do, about {seconds:.0f} s in {workers} processes")
     first = protocol_of(proposers[0], arguments.planners[0], 1, arguments.sensor, arguments.seed)
-    made = in_workers(run_session, calls, workers, warm_up, ([first],))
+    made = run_in_workers(run_session, calls, workers, warm_up, ([first],))
     for course in track(made, "sessions", total=len(calls), console=console):
         kept.add(course.as_dict())
         found[course.key] = course
     return [found[key] for key in wanted]
 
 
-def _pictured(
+def _run_pictured_sessions(
     arguments: argparse.Namespace, proposer: Proposer, paths: Sequence[Path]
 ) -> list[tuple[str, Case, list[Step]]]:
     """Sessions on the first meshes once more, to be drawn."""
@@ -130,7 +130,7 @@ def _pictured(
     sessions = []
     for path in track(paths[: arguments.pictures], "pictures", console=Console(stderr=True)):
         case = make_case(path.stem, load_mesh(path), 0, arguments.seed, camera=protocol.camera)
-        sessions.append((f"{path.stem}, view 0", case, steps_of(case, protocol, arguments.scans)))
+        sessions.append((f"{path.stem}, view 0", case, run_steps(case, protocol, arguments.scans)))
     return sessions
 
 
@@ -145,8 +145,10 @@ def markdown(courses: Sequence[Course]) -> str:
         group = [course for course in courses if (course.planner, course.proposer) == (planner, proposer)]
         cells = [planner, proposer, str(len(group))]
         cells += [f"{100 * error:.2f}" for error in errors_at(group, [0.0, *_SHARES]).mean(axis=0)]
-        cells += [_share(reached(group, level)) for level in (0.005, 0.002)]
-        cells += [f"{100 * error:.2f} at {100 * share:.0f}" for share, error in (after_scan(group, k) for k in scans)]
+        cells += [_share(share_to_reach(group, level)) for level in (0.005, 0.002)]
+        cells += [
+            f"{100 * error:.2f} at {100 * share:.0f}" for share, error in (means_after_scan(group, k) for k in scans)
+        ]
         lines.append(cells)
     note = (
         "Mean error in cm. At a share scanned: after the last scan that does not exceed it, so that a session whose "

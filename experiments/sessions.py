@@ -73,14 +73,14 @@ def errors_at(courses: Sequence[Course], fractions: ArrayLike) -> Array:
     return np.array([level[k] for level, k in zip(levels, made, strict=True)]).reshape(len(courses), len(shares))
 
 
-def after_scan(courses: Sequence[Course], scan: int) -> tuple[float, float]:
+def means_after_scan(courses: Sequence[Course], scan: int) -> tuple[float, float]:
     """Mean share scanned and mean error, m, after so many scans; a session that ended earlier counts with its end."""
     fractions = [[0.0, *c.fractions][min(scan, len(c.fractions))] for c in courses]
     errors = [[c.initial, *c.errors][min(scan, len(c.errors))] for c in courses]
     return float(np.mean(fractions)), float(np.mean(np.array(errors, dtype=np.float64)))
 
 
-def reached(courses: Sequence[Course], error: float, upto: float = 1.0) -> float:
+def share_to_reach(courses: Sequence[Course], error: float, upto: float = 1.0) -> float:
     """The least share, to 0.5 %, at which the mean error is at most `error`, m; NaN if it is nowhere."""
     shares = np.arange(round(200 * upto) + 1) / 200
     below = errors_at(courses, shares).mean(axis=0) <= error

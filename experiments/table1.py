@@ -24,7 +24,7 @@ from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.split import Split
 
-from experiments.collecting import PROPOSERS, collect, jobs_of, ready
+from experiments.collecting import PROPOSERS, jobs_of, run_jobs, split_by_readiness
 from experiments.command_line import command_of, run_resumable
 from experiments.folders import SHARED
 from experiments.one_scan import ALGORITHM_1, CANDIDATES, PAPER, Job, Row, Target
@@ -60,16 +60,16 @@ def run(arguments: argparse.Namespace) -> None:
     """Makes what is asked for and writes everything into `arguments.out`."""
     if min(arguments.views, arguments.offsets) < 1 or arguments.candidates < 0:
         raise InvalidInput("There is nothing to scan.", "Give at least one view and one offset.")
-    proposers, missing = ready(arguments.proposers)
+    proposers, missing = split_by_readiness(arguments.proposers)
     jobs = jobs_for(arguments, proposers)
     settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
     out: Path = arguments.out
     kept = PartialRows(out / "table1.partial", settings)
-    rows = collect(jobs, arguments.workers, kept, "table 1")
+    rows = run_jobs(jobs, arguments.workers, kept, "table 1")
     if not any(row.errors for row in rows):
         raise InvalidInput("Nothing could be scanned.", "Give meshes that can be seen; the reasons are above.")
     command = command_of("table1")
-    earlier, commands = fitting(out / "table1.json", rows, jobs)
+    earlier, commands = read_fitting_rows(out / "table1.json", rows, jobs)
     rows = sorted([*earlier, *rows], key=lambda row: (row.target, _ORDER.index(row.subject)))
     commands = list(dict.fromkeys([*commands, command]))
     setups = [setup for setup in _setups(SETTINGS, list(FingerModel)) if any(row.setup == setup for row in rows)]
@@ -106,7 +106,7 @@ def _setups(settings: Sequence[str], sensors: Sequence[FingerModel]) -> list[str
     return [*real, PAPER] if PAPER in settings else real
 
 
-def fitting(path: Path, rows: Sequence[Row], jobs: Sequence[Job]) -> tuple[list[Row], list[str]]:
+def read_fitting_rows(path: Path, rows: Sequence[Row], jobs: Sequence[Job]) -> tuple[list[Row], list[str]]:
     """The rows of an earlier run that fit beside the new ones, and its commands; neither if none fit.
 
     Those on other objects do not, nor do those that were made anew, with other offsets, or on other views than these.

@@ -25,14 +25,14 @@ from pretouch_simulation.frames import load_frame
 from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks
 from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.protocol import generator
-from pretouch_simulation.split import mixed
+from pretouch_simulation.split import mixing_key
 from rich.console import Console
 from rich.progress import track
 
-from experiments.collecting import PROPOSERS, collect, jobs_of, ready
+from experiments.collecting import PROPOSERS, jobs_of, run_jobs, split_by_readiness
 from experiments.command_line import command_of, run_resumable
 from experiments.folders import SHARED
-from experiments.one_scan import PAPER, Job, Target, first_regions
+from experiments.one_scan import PAPER, Job, Target, propose_first
 from experiments.one_scan_picture import save
 from experiments.one_scan_text import section
 from experiments.proposals_picture import Proposed, save_sheet
@@ -63,12 +63,12 @@ def run(arguments: argparse.Namespace) -> None:
     """Makes what is asked for and writes everything into `arguments.out`."""
     if arguments.offsets < 1 or arguments.sheet < 1:
         raise InvalidInput("There is nothing to show.", "Give at least one offset and one view.")
-    proposers, missing = ready(arguments.proposers)
+    proposers, missing = split_by_readiness(arguments.proposers)
     out: Path = arguments.out
     settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
     jobs = _jobs(arguments, proposers)
     kept = PartialRows(out / "transfer.partial", settings)
-    rows = collect(jobs, arguments.workers, kept, "real frames")
+    rows = run_jobs(jobs, arguments.workers, kept, "real frames")
     command = command_of("transfer")
     content = {"commands": [command], "not_ready": missing, "rows": [row.as_dict() for row in rows]}
     (out / "transfer.json").write_text(json.dumps(content) + "\n")
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> None:
     text = [f"# Real depth frames\n\nMade by `{command}`. Errors in cm. Frames with ground truth: YCB-Video.\n"]
     text += [section(rows, setup, missing) for setup in setups]
     text.append("![Errors by object](transfer.png)\n")
-    text += _sheets(arguments, proposers, missing)
+    text += _save_sheets(arguments, proposers, missing)
     (out / "transfer.md").write_text("\n".join(text))
     kept.remove()
     print("\n".join(text))
@@ -111,9 +111,9 @@ def _jobs(arguments: argparse.Namespace, proposers: Sequence[Proposer]) -> list[
     return jobs
 
 
-def _sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missing: dict[str, str]) -> list[str]:
+def _save_sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missing: dict[str, str]) -> list[str]:
     """The contact sheets written, and the section that shows them."""
-    views = _views(arguments.scenes, arguments.sheet)
+    views = _load_views(arguments.scenes, arguments.sheet)
     text = [
         "## Proposals on real scenes without ground truth\n",
         f"mOSD, Kinect v1: {len(views)} objects of as many frames, chosen by a hash of their names. The first {DRAWN} "
@@ -124,7 +124,7 @@ def _sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missin
         for task, scene in views:
             started = time.perf_counter()
             sensor = realise(arguments.sensor, generator("finger-model", arguments.seed, task.name)).sensor
-            regions = first_regions(scene, proposer, sensor, FIRST)
+            regions = propose_first(scene, proposer, sensor, FIRST)
             times.append(time.perf_counter() - started)
             best = f", best {regions[0].confidence:.2f}" if regions else ""
             shown.append(Proposed(f"{task.name}: {len(regions)} regions{best}", scene, regions[:DRAWN]))
@@ -138,9 +138,9 @@ def _sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missin
     return text + [f"`{name}` is left out: {reason}\n" for name, reason in missing.items()]
 
 
-def _views(folder: Path, count: int) -> list[tuple[FrameTask, Scene]]:
+def _load_views(folder: Path, count: int) -> list[tuple[FrameTask, Scene]]:
     """One object each of `count` frames, in an order fixed by the names; those that show none are passed over."""
-    tasks = sorted(frame_tasks(folder), key=lambda task: (mixed(task.file.stem), mixed(task.name)))
+    tasks = sorted(frame_tasks(folder), key=lambda task: (mixing_key(task.file.stem), mixing_key(task.name)))
     found: list[tuple[FrameTask, Scene]] = []
     for _, group in groupby(tasks, key=lambda task: task.file):
         for task in group:

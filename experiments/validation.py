@@ -25,10 +25,10 @@ from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.split import Split
 from scipy.stats import spearmanr
 
-from experiments.collecting import collect
+from experiments.collecting import run_jobs
 from experiments.command_line import command_of, run_resumable
 from experiments.folders import SHARED
-from experiments.one_scan import CANDIDATES, Job, Row, Target, seen
+from experiments.one_scan import CANDIDATES, Job, Row, Target, load_view
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 from pretouch.scene import Scene
@@ -69,13 +69,13 @@ def run(arguments: argparse.Namespace) -> None:
         ]
     settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
     kept = PartialRows(arguments.out / "validation.partial", settings)
-    rows = collect(jobs, arguments.workers, kept, "validation")
+    rows = run_jobs(jobs, arguments.workers, kept, "validation")
     views = [row for row in rows if row.subject == CANDIDATES and len(row.errors) > BEST]
     if not views:
         raise InvalidInput("No view has candidates that can be scanned.", "Give other meshes.")
     targets = {job.target.name: job.target for job in jobs}
     predictions = {
-        name: [each(seen(targets[row.target], row.seed).scene, np.array(row.rectangles)) for row in views]
+        name: [each(load_view(targets[row.target], row.seed).scene, np.array(row.rectangles)) for row in views]
         for name, each in ready.items()
     }
     predictions["registrar (PredictScans)"] = [np.array(row.predicted) for row in views]
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> None:
     }
     (arguments.out / "validation.json").write_text(json.dumps(content) + "\n")
     text = report(command, rows, views, predictions)
-    draw(views, predictions["deep"], arguments.out / "validation.png")
+    save_picture(views, predictions["deep"], arguments.out / "validation.png")
     (arguments.out / "validation.md").write_text(text)
     kept.remove()
     print(text)
@@ -155,7 +155,7 @@ def spearman(a: Array, b: Array) -> float:
     return float(spearmanr(a, b)[0]) if np.ptp(a) > 0 and np.ptp(b) > 0 else 0.0
 
 
-def draw(views: Sequence[Row], predictions: Sequence[Array], path: Path) -> None:
+def save_picture(views: Sequence[Row], predictions: Sequence[Array], path: Path) -> None:
     """Each rectangle's achieved error over the predicted one, and the means of bins with equally many."""
     import matplotlib
 

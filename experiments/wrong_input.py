@@ -22,9 +22,9 @@ from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.depth_cameras.fields import smooth_field
-from pretouch_simulation.evaluation import session
+from pretouch_simulation.evaluation import run_session
 from pretouch_simulation.evaluation_honesty import SURE, WRONG
-from pretouch_simulation.evaluation_protocol import Protocol, finger_of, of_frames
+from pretouch_simulation.evaluation_protocol import Protocol, adapt_to_frames, finger_of
 from pretouch_simulation.finger import Finger, FingerModel
 from pretouch_simulation.fingers.faults import one_stuck
 from pretouch_simulation.markdown import markdown_table
@@ -161,13 +161,13 @@ class Ending(NamedTuple):
     said: str
 
 
-def ending(case: Case, mistake: Mistake, protocol: Protocol, registrar: Registrar) -> Ending | str:
+def run_session_with(case: Case, mistake: Mistake, protocol: Protocol, registrar: Registrar) -> Ending | str:
     """How the session ends; the error's title where there is none."""
     protocol = replace(protocol, sensor=mistake.model)
     finger = mistake.hand(finger_of(case, protocol))
     initial = case.error(Pose.identity())
     try:
-        steps = asyncio.run(session(mistake.image(case), protocol, registrar, finger=finger))
+        steps = asyncio.run(run_session(mistake.image(case), protocol, registrar, finger=finger))
     except PretouchError as refusal:
         return wire_of(refusal).title
     if not steps:
@@ -229,7 +229,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--camera", type=CameraModel, choices=list(CameraModel), default=CameraModel.RANDOM)
     parser.add_argument("--out", type=Path, default=RESULTS)
     given = parser.parse_args(arguments)
-    protocol = of_frames(
+    protocol = adapt_to_frames(
         Protocol(10, Proposer.RANDOM, Engine.POSTERIOR, Planner.INFORMATION, IDEAL, given.seed, tip=TipHeight.LOW), None
     )
     paths = meshes_in(given.meshes, limit=given.limit, split=Split.VALIDATION)
@@ -238,7 +238,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for path in track(paths, "Sessions"):
         case = make_case(path.stem, load_mesh(path), 0, given.seed, given.camera)
         for mistake in MISTAKES:
-            rows[mistake.name].append(ending(case, mistake, protocol, registrar))
+            rows[mistake.name].append(run_session_with(case, mistake, protocol, registrar))
     command = command_of("wrong_input", arguments)
     page = text(command, given.camera.value, rows, Tolerance().error)
     (given.out / "wrong-input.md").write_text(page)

@@ -76,7 +76,7 @@ def record(
 
     def scan(plan: ScanPlan) -> Submission:
         submission, samples = execute(plan)
-        recording.points.append(_ends(samples, request.sensor))
+        recording.points.append(_beam_ends(samples, request.sensor))
         return submission
 
     for state in drive(client, session, scan):
@@ -84,5 +84,5 @@ def record(
         yield recording
 
 
-def _ends(samples: RangeSamples, sensor: Sensor) -> Array:
+def _beam_ends(samples: RangeSamples, sensor: Sensor) -> Array:
     return samples.beams(sensor).points()

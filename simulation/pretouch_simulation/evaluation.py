@@ -79,34 +79,36 @@ def run_task(task: Task, protocols: Sequence[Protocol]) -> list[Run]:
         try:
             subject = Subject.of(task, chosen[0].seed, camera)
         except PretouchError as error:
-            runs += [_failed(task, protocol, None, error) for protocol in chosen]
+            runs += [_failed_run(task, protocol, None, error) for protocol in chosen]
         else:
             led: dict[FingerModel, list[Step]] = {}
-            runs += [_run(subject, protocol, led, registrar) for protocol in chosen]
+            runs += [_run_protocol(subject, protocol, led, registrar) for protocol in chosen]
     return runs
 
 
-def _run(subject: Subject, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar) -> Run:
+def _run_protocol(
+    subject: Subject, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar
+) -> Run:
     initial = subject.case.error(Pose.identity())
     try:
-        outcomes = _outcomes(subject.case, protocol, led, registrar)
+        outcomes = _run_sessions(subject.case, protocol, led, registrar)
     except PretouchError as error:
-        return _failed(subject.task, protocol, initial, error)
+        return _failed_run(subject.task, protocol, initial, error)
     rows = tuple(_row(subject, protocol, outcome, k, initial) for k, outcome in enumerate(outcomes, start=1))
     details = tuple(Detail.of(subject.case, outcome.estimate) for outcome in outcomes)
     key = key_of(subject.task, protocol)
     return Run(**key._asdict(), initial_error=initial, rows=rows, details=details)
 
 
-def _outcomes(
+def _run_sessions(
     case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar
 ) -> list[Outcome]:
     if protocol.paper_setting:
         return asyncio.run(run_case(case, protocol, registrar))
-    return [step.outcome for step in _steps(case, protocol, led, registrar)]
+    return [step.outcome for step in _run_or_reuse_steps(case, protocol, led, registrar)]
 
 
-def _failed(task: Task, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
+def _failed_run(task: Task, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
     text = f"{error.detail} {error.remedy}".strip()
     return Run(**key_of(task, protocol)._asdict(), initial_error=initial, problem=text)
 
@@ -116,27 +118,29 @@ def warm_up(protocols: Sequence[Protocol]) -> None:
     case, registrar = make_case("warm-up", box(), 0), Registrar()
     for protocol in protocols:
         with suppress(PretouchError):  # a proposer that is not ready is said of every run
-            asyncio.run(session(case, replace(protocol, scans=1), registrar))
+            asyncio.run(run_session(case, replace(protocol, scans=1), registrar))
 
 
-def steps_of(case: Case, protocol: Protocol, upto: int) -> list[Step]:
+def run_steps(case: Case, protocol: Protocol, upto: int) -> list[Step]:
     """The session on `case` that the protocol's rows are made of, after each of its first `upto` scans at most."""
     registrar = Registrar()
     led = replace(protocol, engine=protocol.leader or protocol.engine)
-    steps = asyncio.run(session(case, led, registrar, upto))
-    return [_rematched(step, protocol, registrar) for step in steps]
+    steps = asyncio.run(run_session(case, led, registrar, upto))
+    return [_rematch(step, protocol, registrar) for step in steps]
 
 
-def _steps(case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar) -> list[Step]:
+def _run_or_reuse_steps(
+    case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar
+) -> list[Step]:
     """The protocol's session on `case`; `led` keeps the leader's ones, by sensor."""
     if protocol.leader is None:
-        return asyncio.run(session(case, protocol, registrar))
+        return asyncio.run(run_session(case, protocol, registrar))
     if protocol.sensor not in led:
-        led[protocol.sensor] = asyncio.run(session(case, replace(protocol, engine=protocol.leader), registrar))
-    return [_rematched(step, protocol, registrar) for step in led[protocol.sensor]]
+        led[protocol.sensor] = asyncio.run(run_session(case, replace(protocol, engine=protocol.leader), registrar))
+    return [_rematch(step, protocol, registrar) for step in led[protocol.sensor]]
 
 
-async def session(
+async def run_session(
     case: Case, protocol: Protocol, registrar: Registrar, upto: int | None = None, finger: Finger | None = None
 ) -> list[Step]:
     """A session on `case` after each of its first `upto` scans at most, by `finger` instead of the protocol's own.
@@ -163,7 +167,7 @@ async def session(
     return steps
 
 
-def _rematched(step: Step, protocol: Protocol, registrar: Registrar) -> Step:
+def _rematch(step: Step, protocol: Protocol, registrar: Registrar) -> Step:
     """The leader's scans matched by the protocol's engine, the time being the match's alone; its own as they are."""
     if protocol.leader in (None, protocol.engine):
         return step

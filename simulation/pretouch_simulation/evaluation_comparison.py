@@ -25,7 +25,7 @@ class Comparison:
     other: float
 
 
-def compared(runs: Sequence[Run], scan: int, engine: str, other: str) -> list[Comparison]:
+def compare_engines(runs: Sequence[Run], scan: int, engine: str, other: str) -> list[Comparison]:
     """Both engines by object, camera and sensor after `scan` scans; where `engine` loses most comes first."""
     groups = by_setup(runs)
     found = []

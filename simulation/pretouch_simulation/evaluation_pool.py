@@ -11,7 +11,7 @@ from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.evaluation_rows import Run, RunKey
 from pretouch_simulation.evaluation_tasks import Task
 from pretouch_simulation.partial_rows import PartialRows
-from pretouch_simulation.workers import in_workers
+from pretouch_simulation.workers import run_in_workers
 
 _VARIED = ("engine", "sensor", "camera")
 """Members in which the protocols of one evaluation may differ."""
@@ -67,13 +67,13 @@ def run_all(
     Raises:
         KeyboardInterrupt: what was done by then is in `kept`.
     """
-    for run in _results(tasks, protocols, workers, kept.runs):
+    for run in _run_missing(tasks, protocols, workers, kept.runs):
         kept.add(run)
         done(run)
     return [kept.runs[key] for key in keys(tasks, protocols)]
 
 
-def _results(
+def _run_missing(
     tasks: Sequence[Task], protocols: Sequence[Protocol], workers: int, known: Container[RunKey]
 ) -> Iterator[Run]:
     missing = [
@@ -81,5 +81,5 @@ def _results(
         for task in tasks
     ]
     calls = [(task, wanted) for task, wanted in missing if wanted]
-    for runs in in_workers(run_task, calls, workers, warm_up, (protocols,)):
+    for runs in run_in_workers(run_task, calls, workers, warm_up, (protocols,)):
         yield from runs

@@ -49,7 +49,7 @@ class Protocol:
     tip: TipHeight = TipHeight.SAFE
 
 
-def of_frames(protocol: Protocol, tolerance: float | None) -> Protocol:
+def adapt_to_frames(protocol: Protocol, tolerance: float | None) -> Protocol:
     """The same for real frames: a session's default budgets, and its default tolerance unless another one, m, is given.
 
     What is random is fixed by the tasks, so that a row does not depend on which other seeds were asked for.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pretouch.errors import InvalidInput, NotFound
 from pretouch_simulation.mesh import SUFFIXES
-from pretouch_simulation.split import Split, mixed, split_of
+from pretouch_simulation.split import Split, mixing_key, split_of
 
 _NAMED = 20
 
@@ -41,7 +41,9 @@ def meshes_in(
         raise NotFound(f"{folder} holds no mesh called {', '.join(unknown)}.", f"Choose from: {there}.")
     chosen = [path for path in files if not only or path.stem in only]
     if split is not None:
-        chosen = sorted((path for path in chosen if split_of(path.stem) is split), key=lambda path: mixed(path.stem))
+        chosen = sorted(
+            (path for path in chosen if split_of(path.stem) is split), key=lambda path: mixing_key(path.stem)
+        )
         if not chosen:
             raise NotFound(
                 f"None of the meshes in {folder} that are meant is on the side {split}.", "Leave out --split."

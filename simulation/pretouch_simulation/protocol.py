@@ -16,7 +16,7 @@ from pretouch.geometry import Array, Plane, Pose, rotation_from_vector, vector_f
 from pretouch_simulation.depth_cameras import CameraModel, DepthCamera, realise
 from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.mesh import Mesh
-from pretouch_simulation.stable_pose import standing
+from pretouch_simulation.stable_pose import stand
 from pretouch_simulation.world import Body, World
 
 CAMERA = Camera(525.0, 525.0, 319.5, 239.5)
@@ -82,24 +82,24 @@ class Case:
         return bool(error @ np.linalg.solve(estimate.covariance, error) <= CHI2_6_95)
 
 
-def hidden_offset(true_cloud: Array, rng: np.random.Generator) -> Pose:
+def draw_hidden_offset(true_cloud: Array, rng: np.random.Generator) -> Pose:
     """The calibration error D: `base_T_correction` as it should be found.
 
     Args:
         true_cloud: (n, 3), m, the object's points at their true place in base.
     """
-    turn, shift = _drawn(rng)
+    turn, shift = _draw(rng)
     centroid = true_cloud.mean(axis=0) - shift
     return Pose.of(turn, centroid + shift - turn @ centroid)
 
 
-def offset_about(centroid: Array, rng: np.random.Generator) -> Pose:
-    """As `hidden_offset`, where the cloud's centroid (3,), m, is known as the camera puts it."""
-    turn, shift = _drawn(rng)
+def draw_offset_about(centroid: Array, rng: np.random.Generator) -> Pose:
+    """As `draw_hidden_offset`, where the cloud's centroid (3,), m, is known as the camera puts it."""
+    turn, shift = _draw(rng)
     return Pose.of(turn, centroid + shift - turn @ centroid)
 
 
-def _drawn(rng: np.random.Generator) -> tuple[Array, Array]:
+def _draw(rng: np.random.Generator) -> tuple[Array, Array]:
     """Roll, pitch, yaw uniform in +-5 deg (extrinsic xyz, base axes), (3, 3), and a shift (3,) of uniform +-2 cm."""
     roll, pitch, yaw = rng.uniform(-OFFSET_ROTATION, OFFSET_ROTATION, 3)
     shift = rng.uniform(-OFFSET_TRANSLATION, OFFSET_TRANSLATION, 3)
@@ -114,7 +114,7 @@ def make_case(name: str, mesh: Mesh, view: int, seed: int = 0, camera: CameraMod
         InvalidInput: the camera does not see the object.
     """
     realised = realise(camera, generator("camera", seed, name, view))
-    return case_of(name, standing(mesh), view, generator("view", seed, name, view), realised)
+    return case_of(name, stand(mesh), view, generator("view", seed, name, view), realised)
 
 
 def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator, camera: DepthCamera = KINECT) -> Case:
@@ -131,7 +131,7 @@ def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator, camer
     scored = (image.bodies == 0) & (image.depth.metres > 0)
     if not (scored.any() and image.mask.any()):
         raise InvalidInput(f"The camera does not see {name}.", "Give a larger mesh, in metres.")
-    truth = hidden_offset(true_camera.apply(CAMERA.organised(image.depth.metres)[scored]), rng)
+    truth = draw_hidden_offset(true_camera.apply(CAMERA.organised(image.depth.metres)[scored]), rng)
     return Case(name, view, image.depth, CAMERA, truth.inverse() @ true_camera, image.mask, world, truth, scored)
 
 

@@ -28,7 +28,7 @@ from pretouch.v1 import common_pb2
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch.wire.common import samples_from_proto
-from pretouch_simulation.robot_motion import Motion, around
+from pretouch_simulation.robot_motion import Motion, motion_around
 
 Measure = Callable[[Array], tuple[Array, NDArray[np.int64]]]
 """Tip poses (n, 4, 4) in base to ranges (n,), m, NaN = none, and status codes (n,)."""
@@ -135,7 +135,7 @@ class GatewayRobot:
         except grpc.RpcError as error:
             raise from_rpc_error(error) from error
         span = GatewaySpan(self._device, start + motion.start, start + motion.end)
-        return _within(batches, span), span
+        return _samples_within(batches, span), span
 
     def _told(self, path: Trajectory, start: float) -> Iterator[pb.StreamPointsRequest]:
         """Tells the gateway each pose when the tip is there: at POSE_RATE, and at the corners of its path."""
@@ -174,10 +174,10 @@ class GatewayRobot:
 
 
 def _next_motion(motions: list[Motion], plan: ScanPlan) -> Motion:
-    return around(plan.path, motions[-1].path.base_T_tip[-1] if motions else None)
+    return motion_around(plan.path, motions[-1].path.base_T_tip[-1] if motions else None)
 
 
-def _within(batches: list[RangeSamples], span: GatewaySpan) -> RangeSamples:
+def _samples_within(batches: list[RangeSamples], span: GatewaySpan) -> RangeSamples:
     """The samples of all batches that lie in the span, in the order of time.
 
     Raises:

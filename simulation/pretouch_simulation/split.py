@@ -41,7 +41,7 @@ def split_of(stem: str) -> Split:
     return Split.VALIDATION if _share(object_of(stem)) < VALIDATION_SHARE else Split.TRAIN
 
 
-def mixed(stem: str) -> float:
+def mixing_key(stem: str) -> float:
     """A key in [0, 1) to sort by: an order fixed by the names alone, in which the first few are from all sources."""
     return _share(f"order of {stem}")
 

@@ -16,7 +16,7 @@ ONE_THREAD = {name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OP
 """Every sum has one order then."""
 
 
-def in_workers(
+def run_in_workers(
     function: Callable[..., Answer],
     calls: Sequence[tuple[Any, ...]],
     workers: int,

@@ -144,10 +144,10 @@ def test_earlier_rows_stay_where_they_fit_beside_the_new_ones(tmp_path: Path) ->
         made("cup 0", "ideal", "narf", seed=1),
     ]
     path = tmp_path / "table1.json"
-    assert table1.fitting(path, [], []) == ([], [])
+    assert table1.read_fitting_rows(path, [], []) == ([], [])
     path.write_text(json.dumps({"commands": ["first"], "rows": [one.as_dict() for one in earlier]}))
     job = one_scan.Job(one_scan.Target(Path("cup.ply"), 0), "ideal", "deep", 10, 2, 0)
-    kept_rows, commands = table1.fitting(path, [made("cup 0", "ideal", "deep")], [job])
+    kept_rows, commands = table1.read_fitting_rows(path, [made("cup 0", "ideal", "deep")], [job])
     # Made anew: deep under the ideal finger. Unfit: another view of that setup, another object, another seed.
     assert [one.key for one in kept_rows] == [
         ("cup 0", "ideal", "random"),
@@ -158,7 +158,7 @@ def test_earlier_rows_stay_where_they_fit_beside_the_new_ones(tmp_path: Path) ->
     assert commands == ["first"]
     path.write_text("{}")
     with pytest.raises(Malformed):
-        table1.fitting(path, [], [])
+        table1.read_fitting_rows(path, [], [])
 
 
 def run_table1(meshes: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:

@@ -12,10 +12,10 @@ from PIL import Image
 from pretouch_detector.training.dataset import Dataset, Example, read, write
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.finger import FingerModel
-from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe, label, labelled
+from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe, label, try_to_label
 from pretouch_simulation.labels.pictures import save_contact_sheet, save_statistics
-from pretouch_simulation.labels.procedural import procedural
-from pretouch_simulation.labels.scans import Scoring, after_scan
+from pretouch_simulation.labels.procedural import make_procedural
+from pretouch_simulation.labels.scans import Scoring, scan_and_register
 from pretouch_simulation.labels.statistics import statistics, statistics_of, table
 from pretouch_simulation.labels.task import Task
 from pretouch_simulation.mesh import Mesh
@@ -97,7 +97,7 @@ def test_where_the_clients_mask_strays_the_objects_true_points_are_scored(tmp_pa
     truth = Pose.of(np.eye(3), np.array([0.01, 0.0, 0.0])) @ Pose.from_rotation_vector([0.0, 0.0, 0.2], np.zeros(3))
     strayed = replace(view.scene, mask=view.scene.depth.metres > 0)
     errors = [
-        after_scan(replace(view, scene=scene), None, truth, Scoring(), np.random.default_rng(0))[0]
+        scan_and_register(replace(view, scene=scene), None, truth, Scoring(), np.random.default_rng(0))[0]
         for scene in (view.scene, strayed)
     ]
     cloud = view.case.cloud
@@ -107,14 +107,14 @@ def test_where_the_clients_mask_strays_the_objects_true_points_are_scored(tmp_pa
 def test_a_mesh_in_millimetres_is_named_and_said_how_to_mend(tmp_path: Path) -> None:
     cup = mug()
     write_mesh(tmp_path / "cup.obj", Mesh(1000 * cup.vertices, cup.faces))
-    outcome = labelled(Task(tmp_path / "cup.obj", 0, 0), TRIALS, tmp_path)
+    outcome = try_to_label(Task(tmp_path / "cup.obj", 0, 0), TRIALS, tmp_path)
     assert outcome.problem.startswith("cup.obj is ")
     assert outcome.problem.endswith("Scale the mesh to metres.")
     assert not outcome.defect
 
 
 def test_a_mesh_that_is_not_watertight_is_labelled(tmp_path: Path) -> None:
-    whole = procedural(6)[1]
+    whole = make_procedural(6)[1]
     broken = Mesh(whole.vertices, whole.faces[np.arange(len(whole.faces)) % 7 != 0])
     assert not broken.watertight
     write_mesh(tmp_path / "broken.obj", broken)
@@ -149,7 +149,7 @@ def test_a_mesh_with_a_million_faces_is_labelled(tmp_path: Path) -> None:
 
 
 def test_a_fine_mesh_rests_as_a_coarse_one_does() -> None:
-    mesh = procedural(7)[1]
+    mesh = make_procedural(7)[1]
     fine = mesh
     while len(fine.vertices) < 25_000:
         a, b, c = (fine.vertices[fine.faces[:, k]] for k in range(3))
@@ -219,5 +219,5 @@ def test_the_pictures_show_each_object_before_any_again(tmp_path: Path) -> None:
 def test_an_outcome_without_a_problem_is_a_label(tmp_path: Path) -> None:
     dataset = Dataset.create(tmp_path, describe(TRIALS, ""))
     task = Task(0, 0, 0)
-    assert labelled(task, TRIALS, tmp_path) == Outcome(task.name)
+    assert try_to_label(task, TRIALS, tmp_path) == Outcome(task.name)
     assert [path.stem for path in dataset.paths("train")] == [task.name]

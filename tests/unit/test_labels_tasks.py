@@ -12,7 +12,7 @@ from made_frame import write_frame
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks
-from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, labelled
+from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, try_to_label
 from pretouch_simulation.labels.task import tasks_of
 from pretouch_simulation.protocol import PLACE
 
@@ -117,7 +117,7 @@ def test_a_frame_without_an_object_or_broken_is_said_and_does_not_stop_others(
     changed(frame_file, **members)
     recipe = Recipe(Kind.TRIALS, Engine.PAPER, 2, 0, 1)
     for task in frame_tasks(frame_file.parent):
-        outcome = labelled(task, recipe, tmp_path)
+        outcome = try_to_label(task, recipe, tmp_path)
         assert not outcome.defect, outcome
         assert any(part in outcome.problem for part in what.split("|")), outcome
 
@@ -139,5 +139,5 @@ class OddTask(FrameTask):
 
 
 def test_a_defect_in_one_view_is_told_from_bad_input(tmp_path: Path) -> None:
-    outcome = labelled(OddTask(tmp_path / "odd.json"), Recipe(Kind.TRIALS, Engine.PAPER, 2, 0, 1), tmp_path)
+    outcome = try_to_label(OddTask(tmp_path / "odd.json"), Recipe(Kind.TRIALS, Engine.PAPER, 2, 0, 1), tmp_path)
     assert outcome == Outcome("odd", "ZeroDivisionError: by nought", defect=True)

@@ -30,7 +30,7 @@ def _common_areas(rectangle: Array, others: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def share(first: Array, second: Array) -> float:
+def intersection_over_union(first: Array, second: Array) -> float:
     """Intersection over union of two rectangles (5,), in [0, 1]."""
     reach = 0.5 * (np.hypot(first[2], first[3]) + np.hypot(second[2], second[3]))
     if (first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 >= reach * reach:

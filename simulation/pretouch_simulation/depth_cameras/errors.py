@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_simulation.depth_cameras.fields import blocks, smooth_field
+from pretouch_simulation.depth_cameras.fields import block_field, smooth_field
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class DisparityErrors:
         there = disparity > 0
         error = np.full(shape, self.offset * rng.standard_normal())
         for size, spread in (*self.noise, *self.distortion):
-            field = smooth_field(rng, shape, zoom * size) if size >= 1 else blocks(rng, shape, zoom)
+            field = smooth_field(rng, shape, zoom * size) if size >= 1 else block_field(rng, shape, zoom)
             error += spread * field
         present = np.unique(bodies)
         error += self.body * rng.standard_normal(len(present))[np.searchsorted(present, bodies)]

@@ -63,19 +63,19 @@ class Kinect:
         """The image of `world` from `base_T_camera`, `shape` = (h, w); its mask is the true one."""
         sight = look(world, camera, base_T_camera, shape, BASELINE)
         disparity = np.where(sight.lit, BASELINE * FOCAL / np.where(sight.depth > 0, sight.depth, 1.0), 0.0)
-        disparity = _reaching_into_shadow(disparity, self.window)
-        disparity = _ragged_edges(disparity, sight.incidence, self.noise, rng)
-        depth = DepthImage(_measured(disparity, self.noise, rng).astype(np.float32))
+        disparity = _reach_into_shadow(disparity, self.window)
+        disparity = _roughen_edges(disparity, sight.incidence, self.noise, rng)
+        depth = DepthImage(_measure(disparity, self.noise, rng).astype(np.float32))
         return Rendering(depth, sight.bodies, (sight.bodies == 0) & (depth.metres > 0))
 
 
-def _reaching_into_shadow(disparity: Array, window: int) -> Array:
+def _reach_into_shadow(disparity: Array, window: int) -> Array:
     """An unlit pixel takes the nearest surface that its correlation window sees."""
     grown = ndimage.maximum_filter(disparity, size=window)
     return np.where(disparity > 0, disparity, grown)
 
 
-def _ragged_edges(disparity: Array, incidence: Array, scale: float, rng: np.random.Generator) -> Array:
+def _roughen_edges(disparity: Array, incidence: Array, scale: float, rng: np.random.Generator) -> Array:
     """Moves the edges of surfaces by the lateral noise, the same for blocks of 2 x 2 pixels."""
     h, w = disparity.shape
     blocks = -(-h // _LATERAL_BLOCK), -(-w // _LATERAL_BLOCK)
@@ -88,7 +88,7 @@ def _ragged_edges(disparity: Array, incidence: Array, scale: float, rng: np.rand
     return np.where(gap > _EDGE_STEP, moved, disparity)
 
 
-def _measured(disparity: Array, scale: float, rng: np.random.Generator) -> Array:
+def _measure(disparity: Array, scale: float, rng: np.random.Generator) -> Array:
     """Depth, m, 0 = none, from true disparities, px, 0 = none."""
     noise = rng.standard_normal(disparity.shape)
     there = disparity > 0

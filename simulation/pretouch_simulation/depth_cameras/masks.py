@@ -30,7 +30,9 @@ class Outline:
     scale: float
 
 
-def stray(mask: NDArray[np.bool_], outline: Outline, zoom: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+def distort_outline(
+    mask: NDArray[np.bool_], outline: Outline, zoom: float, rng: np.random.Generator
+) -> NDArray[np.bool_]:
     """The mask (h, w) with an outline that is not quite the true one; `zoom`: image px to one of the camera's own."""
     growth = zoom * outline.growth * rng.standard_normal()
     shift = zoom * outline.shift * rng.standard_normal(2)

@@ -24,7 +24,7 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Array, Pose
 from pretouch_simulation.depth_cameras.errors import DisparityErrors
 from pretouch_simulation.depth_cameras.fields import smooth_field
-from pretouch_simulation.depth_cameras.masks import Outline, stray
+from pretouch_simulation.depth_cameras.masks import Outline, distort_outline
 from pretouch_simulation.depth_cameras.rendering import SHAPE, Rendering, Sight, look
 from pretouch_simulation.world import World
 
@@ -116,8 +116,8 @@ class WindowCamera:
         metres = scale / np.maximum(disparity, 1e-6)
         good = (disparity > 0) & (metres >= self.range[0]) & (metres <= self.range[1])
         shift = zoom * self.registration * rng.standard_normal(2)
-        depth = DepthImage(_registered(np.where(good, metres, 0.0), zoom, shift).astype(np.float32))
-        mask = stray(sight.bodies == 0, self.outline, zoom, rng) & (depth.metres > 0)
+        depth = DepthImage(_misregister(np.where(good, metres, 0.0), zoom, shift).astype(np.float32))
+        mask = distort_outline(sight.bodies == 0, self.outline, zoom, rng) & (depth.metres > 0)
         return Rendering(depth, sight.bodies, mask)
 
     def _matched(self, sight: Sight, zoom: float, rng: np.random.Generator) -> Array:
@@ -151,7 +151,7 @@ class WindowCamera:
         return np.asarray(steep | dark | speck, dtype=np.bool_)
 
 
-def _registered(metres: Array, zoom: float, shift: Array) -> Array:
+def _misregister(metres: Array, zoom: float, shift: Array) -> Array:
     """The image moved by `shift` (2,), px down and right, with holes as wide as the camera's own pixels, `zoom` px."""
     step = max(zoom, 1.0)
     own = [np.rint(np.arange(n) - by) for n, by in zip(metres.shape, shift, strict=True)]

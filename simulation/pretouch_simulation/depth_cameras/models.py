@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from pretouch_simulation.depth_cameras.drawing import drawn
+from pretouch_simulation.depth_cameras.drawing import draw_camera
 from pretouch_simulation.depth_cameras.errors import DisparityErrors
 from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.depth_cameras.masks import Outline
@@ -76,4 +76,4 @@ def realise(model: CameraModel, rng: np.random.Generator) -> DepthCamera:
         return _XTION
     if model is CameraModel.STEREO:
         return _REALSENSE
-    return drawn(rng)
+    return draw_camera(rng)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 from pretouch.tof import STATUS_OK, Sensor
 from pretouch_simulation.finger import Finger
-from pretouch_simulation.fingers.several import Several, abreast
+from pretouch_simulation.fingers.several import Several, side_by_side
 from pretouch_simulation.fingers.status import Status
 from pretouch_simulation.world import World
 
@@ -60,4 +60,4 @@ def in_millimetres(finger: Finger) -> Finger:
 
 def one_stuck(finger: Finger, at: float = 0.03, modules: int = 6, spacing: float = 0.008) -> Several:
     """A row of modules `spacing` m apart, all as `finger` but for the last, which always reports `at`, m."""
-    return abreast([*[finger] * (modules - 1), stuck(finger, at)], spacing)
+    return side_by_side([*[finger] * (modules - 1), stuck(finger, at)], spacing)

@@ -51,8 +51,8 @@ OUTLIERS = 0.02
 
 def draw_random(rng: np.random.Generator) -> ConeFinger:
     """A finger; whatever `cone_finger` and `cone_response` know is drawn."""
-    response, stated_half_angle = _response(rng)
-    errors = _errors(rng)
+    response, stated_half_angle = _draw_response(rng)
+    errors = _draw_errors(rng)
     sensor = Sensor(
         range_max=RANGE_MAX,
         range_min=float(np.ceil(errors.least_range * 1000) / 1000),
@@ -62,7 +62,7 @@ def draw_random(rng: np.random.Generator) -> ConeFinger:
     return ConeFinger(sensor, response, errors, Reflectances.drawn(DARKEST, rng))
 
 
-def _response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
+def _draw_response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
     """The response, and the half angle that its user states, rad."""
     off, about = BORESIGHT * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
     boresight = (float(off * np.cos(about)), float(off * np.sin(about)))
@@ -71,27 +71,27 @@ def _response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
     stated = float(rng.uniform(*STATED_HALF_ANGLE))
     profile = Profile.GAUSSIAN if rng.uniform() < 0.5 else Profile.FLAT
     spot = Spot(stated * float(rng.uniform(*WIDTH)), profile, boresight)
-    nearness = np.inf if rng.uniform() < EVEN_SHARE else _log_uniform(rng, *NEARNESS)
+    nearness = np.inf if rng.uniform() < EVEN_SHARE else _draw_log_uniform(rng, *NEARNESS)
     peak = Estimator.FIRST_PEAK if rng.uniform() < 0.5 else Estimator.STRONGEST_PEAK
     estimator = Estimator.MEAN if rng.uniform() < MEAN_SHARE else peak
-    return ConeResponse(spot, nearness, estimator, _log_uniform(rng, *PULSE)), stated
+    return ConeResponse(spot, nearness, estimator, _draw_log_uniform(rng, *PULSE)), stated
 
 
-def _errors(rng: np.random.Generator) -> Errors:
+def _draw_errors(rng: np.random.Generator) -> Errors:
     least_range = float(rng.uniform(*LEAST_RANGE))
     left = LINE_LEFT if rng.uniform() < 0.5 else CUBIC_LEFT
     bend = tuple((left * rng.standard_normal(len(left))).tolist())
     return Errors(
-        noise=_log_uniform(rng, *NOISE),
+        noise=_draw_log_uniform(rng, *NOISE),
         bias=float(rng.uniform(0, BIAS)),
         curve=RangeCurve((least_range, RANGE_MAX), float(GAIN * rng.standard_normal()), bend),
         step=0.001 if rng.uniform() < 0.5 else 0.0,
         least_range=least_range,
-        least_signal=_log_uniform(rng, *LEAST_SIGNAL),
+        least_signal=_draw_log_uniform(rng, *LEAST_SIGNAL),
         flagged=float(rng.uniform(0, FLAGGED)),
         outliers=float(rng.uniform(0, OUTLIERS)),
     )
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+def _draw_log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))

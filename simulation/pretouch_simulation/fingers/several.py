@@ -36,7 +36,7 @@ class Several:
         return ranges, status
 
 
-def abreast(fingers: Sequence[Finger], spacing: float) -> Several:
+def side_by_side(fingers: Sequence[Finger], spacing: float) -> Several:
     """Modules in a row along the tip's x, `spacing` m apart, beams parallel, all stated as the first one."""
     m = len(fingers)
     places = [Pose.of(np.eye(3), [spacing * (k - (m - 1) / 2), 0.0, 0.0]) for k in range(m)]

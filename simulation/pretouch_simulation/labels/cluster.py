@@ -15,7 +15,7 @@ from pretouch_simulation.workers import ONE_THREAD
 Answer = TypeVar("Answer")
 
 
-def on_ray(function: Callable[..., Answer], calls: Sequence[tuple[Any, ...]], workers: int) -> Iterator[Answer]:
+def run_on_ray(function: Callable[..., Answer], calls: Sequence[tuple[Any, ...]], workers: int) -> Iterator[Answer]:
     """`function(*call)` for each of `calls`, the answers as they come; one core and one thread for each call.
 
     The cluster is the one that RAY_ADDRESS names, else one of `workers` processes on this machine for the time being.

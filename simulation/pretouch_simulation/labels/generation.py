@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_detector.proposals.random import candidates
+from pretouch_detector.proposals.random import draw_candidates
 from pretouch_detector.training import trials
 from pretouch_detector.training.dataset import Dataset, Example, write
 from pretouch_registrar.engines import Engine
@@ -94,7 +94,7 @@ class Outcome:
     defect: bool = False
 
 
-def labelled(task: ViewTask, recipe: Recipe, folder: Path) -> Outcome:
+def try_to_label(task: ViewTask, recipe: Recipe, folder: Path) -> Outcome:
     """`label` on one thread; what goes wrong is said in the outcome, so that other views go on."""
     try:
         label(task, recipe, folder)
@@ -115,13 +115,13 @@ def label(task: ViewTask, recipe: Recipe, folder: Path, threads: int | None = 1)
     if recipe.kind is Kind.TRIALS:
         scene, origin = task.scene(recipe.seed)
         settings = trials.Settings(recipe.rectangles, recipe.trials, MATCHINGS[recipe.engine], recipe.best_only)
-        rectangles, scores = trials.label(scene, settings, rng, threads)
+        rectangles, scores = trials.label_scene(scene, settings, rng, threads)
         expected, predicted, sensor = np.full_like(scores, np.nan), np.full(len(scores), np.nan), Sensor()
     else:
         view = task.seen(recipe.seed)
         scene, origin = view.scene, view.origin
         finger = realise(recipe.finger, generator("finger-model", recipe.seed, view.case.name, view.case.view))
-        rectangles, scores, expected, predicted = _scanned(view, recipe, finger, rng)
+        rectangles, scores, expected, predicted = _scan_rectangles(view, recipe, finger, rng)
         sensor = finger.sensor
     provenance = {**task.provenance, "first_pixel": list(origin)}
     example = Example(task.name, task.object, scene, sensor, rectangles, scores, expected, predicted, provenance)
@@ -133,10 +133,10 @@ def describe(recipe: Recipe, command: str) -> dict[str, Any]:
     return {"recipe": asdict(recipe), "command": command}
 
 
-def _scanned(
+def _scan_rectangles(
     view: LabelView, recipe: Recipe, finger: Finger, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
-    rectangles = candidates(view.scene, recipe.rectangles, rng)
+    rectangles = draw_candidates(view.scene, recipe.rectangles, rng)
     scoring = scans.Scoring(recipe.trials, recipe.engine, finger, recipe.seed)
     paths = scans.paths_of(view, rectangles, scoring)
     if not any(paths):

@@ -23,7 +23,7 @@ from pretouch.trajectory import Trajectory
 from pretouch_simulation.finger import Finger
 from pretouch_simulation.fingers.thin_beam import ThinBeam
 from pretouch_simulation.labels.view import LabelView
-from pretouch_simulation.protocol import generator, offset_about
+from pretouch_simulation.protocol import draw_offset_about, generator
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,11 @@ def score(
     errors, expected = np.full((2, len(paths), scoring.trials), np.nan)
     for k in wanted:
         for trial in range(scoring.trials):
-            errors[k, trial], expected[k, trial] = _trial(view, paths[k], scoring, k, trial)
+            errors[k, trial], expected[k, trial] = _run_trial(view, paths[k], scoring, k, trial)
     return errors, expected
 
 
-def after_scan(
+def scan_and_register(
     view: LabelView, path: Trajectory | None, truth: Pose, scoring: Scoring, rng: np.random.Generator
 ) -> tuple[float, float]:
     """Error and expected error, m, once `path` is scanned where `truth` is right; `rng` draws the noise.
@@ -97,6 +97,6 @@ def mean_error(cloud: Array, truth: Pose, correction: Pose) -> float:
     return float(np.linalg.norm(truth.apply(cloud) - correction.apply(cloud), axis=1).mean())
 
 
-def _trial(view: LabelView, path: Trajectory | None, scoring: Scoring, k: int, trial: int) -> tuple[float, float]:
+def _run_trial(view: LabelView, path: Trajectory | None, scoring: Scoring, k: int, trial: int) -> tuple[float, float]:
     rng = generator("label", scoring.seed, view.case.name, view.case.view, k, trial)
-    return after_scan(view, path, offset_about(view.scene.centroid, rng), scoring, rng)
+    return scan_and_register(view, path, draw_offset_about(view.scene.centroid, rng), scoring, rng)

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from pretouch.errors import InvalidInput
 from pretouch.scene import Scene
 from pretouch_simulation.depth_cameras import CameraModel, realise
-from pretouch_simulation.labels.procedural import procedural, procedural_name
+from pretouch_simulation.labels.procedural import make_procedural, procedural_name
 from pretouch_simulation.labels.view import LabelView, view_of
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.protocol import Case, case_of, generator
@@ -103,7 +103,7 @@ class Task:
         Raises:
             PretouchError: the mesh cannot be read, has no volume, or is not seen.
         """
-        mesh = load_mesh(self.source) if isinstance(self.source, Path) else procedural(self.source)[1]
+        mesh = load_mesh(self.source) if isinstance(self.source, Path) else make_procedural(self.source)[1]
         poses = resting_poses(mesh, _POSES)
         return case_of(
             self.name,

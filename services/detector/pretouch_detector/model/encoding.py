@@ -57,7 +57,7 @@ def encode(scene: Scene) -> Encoding:
     h, w = scene.mask.shape
     inside = ((v >= 0) & (v < h))[:, None] & ((u >= 0) & (u < w))
     window = np.ix_(v.clip(0, h - 1), u.clip(0, w - 1))
-    metres = np.where(inside, _unspeckled(scene.depth.metres, window, half), 0.0)
+    metres = np.where(inside, _sample_depths(scene.depth.metres, window, half), 0.0)
     on = scene.mask[window] & inside & (metres > 0)
     camera = scene.camera
     rays = np.stack(
@@ -78,7 +78,7 @@ def encode(scene: Scene) -> Encoding:
     return Encoding(image, centre, half)
 
 
-def _unspeckled(metres: NDArray[np.float32], window: tuple[NDArray[np.intp], ...], half: float) -> Array:
+def _sample_depths(metres: NDArray[np.float32], window: tuple[NDArray[np.intp], ...], half: float) -> Array:
     """Depths in the window; a window coarser than the image takes the median of a pixel's surroundings."""
     step = int(2 * half / SIZE)
     if step < 2:

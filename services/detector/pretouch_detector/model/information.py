@@ -23,7 +23,7 @@ def object_of(image: Tensor) -> tuple[Tensor, Tensor]:
     return middle, torch.sqrt(squares + 1e-6)
 
 
-def remaining(arms: Tensor, directions: Tensor) -> Tensor:
+def remaining_variances(arms: Tensor, directions: Tensor) -> Tensor:
     """Variances (..., 6) of rotation vector, rad^2, and translation, LENGTH^2, that beams leave of the prior.
 
     Args:

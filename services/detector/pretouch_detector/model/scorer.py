@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from pretouch_detector.model.backbone import Backbone
 from pretouch_detector.model.encoding import CHANNELS, LENGTH
-from pretouch_detector.model.information import object_of, remaining
+from pretouch_detector.model.information import object_of, remaining_variances
 
 POINTS = 48
 """Points along a perimeter, evenly."""
@@ -77,15 +77,15 @@ class Scorer(nn.Module):
         features = self.backbone(image)
         b, r = rectangles.shape[:2]
         points, tangent = perimeter(rectangles, self.steps)
-        seen = _sampled(image, points)  # (b, c, r, p)
+        seen = _sample(image, points)  # (b, c, r, p)
         local = torch.cat([points - rectangles[..., None, :2], tangent, points], dim=-1).permute(0, 3, 1, 2)
-        x = self.point(torch.cat([_sampled(features, points), seen, local], dim=1))  # (b, hidden, r, p)
+        x = self.point(torch.cat([_sample(features, points), seen, local], dim=1))  # (b, hidden, r, p)
         for layer in self.along:
             x = layer(x)
         directions = _SHARP * self.directions(x).reshape(b, _DIRECTIONS, 3, r, POINTS).permute(0, 3, 1, 4, 2)
         middle, radius = object_of(image)
         arms = seen[:, :3].permute(0, 2, 3, 1) - middle[:, None, None]
-        left = remaining(arms[:, :, None], directions)  # (b, r, 6)
+        left = remaining_variances(arms[:, :, None], directions)  # (b, r, 6)
         turned, moved = left[..., :3].sum(dim=-1), left[..., 3:].sum(dim=-1)
         by_information = 0.5 * torch.log(moved + radius[:, None] ** 2 * 2.0 / 3.0 * turned) + math.log(LENGTH)
         logs = torch.stack([by_information, torch.log(analytic)], dim=-1)
@@ -113,6 +113,6 @@ def perimeter(rectangles: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
     return points, tangent
 
 
-def _sampled(image: Tensor, points: Tensor) -> Tensor:
+def _sample(image: Tensor, points: Tensor) -> Tensor:
     """(b, c, r, p): bilinear values of image (b, c, s, s) at points (b, r, p, 2) in [-1, 1]; 0 outside."""
     return nn.functional.grid_sample(image, points, mode="bilinear", padding_mode="zeros", align_corners=False)

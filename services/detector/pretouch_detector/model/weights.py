@@ -66,7 +66,7 @@ def load(folder: Path, threads: int) -> Network:
         Unavailable: a file is missing or damaged, or of another version, or onnxruntime is not installed.
     """
     _check_description(folder / _DESCRIPTION)
-    network = Network(_session(folder / _GRAPH, threads))
+    network = Network(_open_session(folder / _GRAPH, threads))
     _check_answers(network)
     return network
 
@@ -98,7 +98,7 @@ class Weights:
 
 def _check_description(path: Path) -> None:
     """Sees to it that the description is of a network that this version can ask."""
-    about = _described(path)
+    about = _read_description(path)
     if about.get("format") != FORMAT:
         raise Unavailable(
             f"The weights are of format {about.get('format')}; this version reads {FORMAT}.",
@@ -123,7 +123,7 @@ def _check_answers(network: Network) -> None:
         raise Unavailable(f"The weights answer {answer}, not three errors.", _REMEDY)
 
 
-def _described(path: Path) -> dict[str, Any]:
+def _read_description(path: Path) -> dict[str, Any]:
     try:
         about = json.loads(path.read_text())
     except FileNotFoundError as error:
@@ -135,7 +135,7 @@ def _described(path: Path) -> dict[str, Any]:
     return about
 
 
-def _session(path: Path, threads: int) -> Any:
+def _open_session(path: Path, threads: int) -> Any:
     """An onnxruntime session of the graph."""
     try:
         import onnxruntime

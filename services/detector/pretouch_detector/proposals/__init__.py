@@ -34,7 +34,7 @@ class Proposals:
 
 def readiness() -> list[tuple[Proposer, str]]:
     """Each proposer, the usable ones first, with the reason why it is not ready; empty when it is."""
-    return sorted(((proposer, _obstacle(proposer)) for proposer in _PROPOSERS), key=lambda pair: bool(pair[1]))
+    return sorted(((proposer, _reason_not_ready(proposer)) for proposer in _PROPOSERS), key=lambda pair: bool(pair[1]))
 
 
 def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int, seed: int) -> Proposals:
@@ -47,14 +47,14 @@ def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int,
     if not 1 <= count <= MAX_REGIONS:
         raise InvalidInput(f"{count} regions were asked for.", f"Ask for 1 to {MAX_REGIONS}.")
     chosen = proposer or readiness()[0][0]
-    if obstacle := _obstacle(chosen):
+    if obstacle := _reason_not_ready(chosen):
         names = ", ".join(name for name, reason in readiness() if not reason)
         raise Unavailable(f"The proposer {chosen} is not ready: {obstacle}", f"Choose one of {names}.")
     regions: list[ProposedRegion] = _module(chosen).propose(scene, sensor, count, np.random.default_rng(seed))
     return Proposals(chosen, regions)
 
 
-def _obstacle(proposer: Proposer) -> str:
+def _reason_not_ready(proposer: Proposer) -> str:
     reason: str = _module(proposer).not_ready() if proposer is Proposer.DEEP else ""
     return reason
 

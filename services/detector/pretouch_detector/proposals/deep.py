@@ -17,8 +17,8 @@ from pretouch.tof import Sensor
 from pretouch_detector.model.encoding import encode
 from pretouch_detector.model.weights import FOLDER, THREADS, Network, Weights
 from pretouch_detector.proposals.information import remaining_error
-from pretouch_detector.proposals.random import drawn
-from pretouch_detector.spread import spread
+from pretouch_detector.proposals.random import draw_rectangles
+from pretouch_detector.spread import suppress_overlapping
 
 WEIGHTS = Weights(FOLDER)
 _MARGIN = 0.13
@@ -33,10 +33,10 @@ def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) 
     Raises:
         Unavailable: the network cannot be read.
     """
-    return regions(WEIGHTS.network(), scene, sensor, count, rng)
+    return propose_by(WEIGHTS.network(), scene, sensor, count, rng)
 
 
-def not_ready() -> str:
+def reason_not_ready() -> str:
     """Why the proposer cannot be used; empty when it can."""
     try:
         WEIGHTS.network()
@@ -53,18 +53,18 @@ def warm_up(threads: int = THREADS) -> None:
         return
 
 
-def regions(
+def propose_by(
     network: Network, scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator
 ) -> list[ProposedRegion]:
     """As `propose`, by any network."""
     scene, origin = scene.cropped(_MARGIN)
-    rectangles = drawn(scene, max(_CANDIDATES, count), rng)
+    rectangles = draw_rectangles(scene, max(_CANDIDATES, count), rng)
     analytic, _ = remaining_error(scene, sensor, rectangles)
     asked = np.argsort(analytic, kind="stable")[: max(_ASKED, count)]
     rectangles = rectangles[asked]
     errors = network.errors(encode(scene), rectangles, analytic[asked])
     order = np.argsort(errors, kind="stable")
-    kept = order[spread(rectangles[order], count)]
+    kept = order[suppress_overlapping(rectangles[order], count)]
     confidence = np.clip(1.0 - errors / from_prior(Prior(), scene.cloud).expected_error, 0.0, 1.0)
     rectangles[:, :2] += origin
     return [ProposedRegion(RotatedRectangle(*rectangles[k]), float(confidence[k])) for k in kept]

@@ -21,7 +21,7 @@ from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.proposals.displaced import mean_square
-from pretouch_detector.proposals.paths import paths
+from pretouch_detector.proposals.paths import perimeter_paths
 from pretouch_detector.proposals.relief import Relief, relief
 
 _HEIGHT_STD = 0.002
@@ -59,7 +59,7 @@ def remaining_error(scene: Scene, sensor: Sensor, rectangles: Array, prior: Prio
     prior = prior or Prior()
     seen = relief(scene)
     boxes = np.ascontiguousarray(rectangles, dtype=np.float64)
-    ways, lengths = paths(
+    ways, lengths = perimeter_paths(
         boxes, seen.places, seen.first, seen.step, seen.away, seen.corner, seen.cell, _NEAR_OBJECT, _BEAMS
     )
     independent = _INDEPENDENT * (lengths / _INDEPENDENT_LENGTH) ** _INDEPENDENT_POWER / _BEAMS

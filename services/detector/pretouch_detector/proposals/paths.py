@@ -12,7 +12,7 @@ _STEPS = 120
 
 
 @njit(cache=True, nogil=True)
-def paths(
+def perimeter_paths(
     rectangles: Array, places: Array, first: tuple[int, int], step: int, away: Array, corner: Array, cell: float,
     reach: float, beams: int,
 ) -> tuple[Array, Array]:  # fmt: skip

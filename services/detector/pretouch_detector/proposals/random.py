@@ -24,15 +24,15 @@ _BATCH, _MAX_BATCHES = 512, 100
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
     """`count` candidates; all have the same confidence."""
-    return [ProposedRegion(rectangle, 0.5) for rectangle in candidates(scene, count, rng)]
+    return [ProposedRegion(rectangle, 0.5) for rectangle in draw_candidates(scene, count, rng)]
 
 
-def candidates(scene: Scene, count: int, rng: np.random.Generator) -> list[RotatedRectangle]:
-    """Rectangles as `drawn`, which see."""
-    return [RotatedRectangle(*row) for row in drawn(scene, count, rng)]
+def draw_candidates(scene: Scene, count: int, rng: np.random.Generator) -> list[RotatedRectangle]:
+    """Rectangles as `draw_rectangles`, which see."""
+    return [RotatedRectangle(*row) for row in draw_rectangles(scene, count, rng)]
 
 
-def drawn(scene: Scene, count: int, rng: np.random.Generator) -> Array:
+def draw_rectangles(scene: Scene, count: int, rng: np.random.Generator) -> Array:
     """(count, 5) as [x, y, w, h, theta]: centre uniform in the bounding rectangle, area and overlap as above.
 
     About a very slim object few rectangles are good, so that there may be fewer.

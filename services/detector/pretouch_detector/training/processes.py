@@ -35,7 +35,7 @@ ALONE = Processes(0, 1)
 
 
 @contextmanager
-def processes(device: torch.device) -> Iterator[Processes]:
+def join_processes(device: torch.device) -> Iterator[Processes]:
     """All of them, as the environment tells, joined until the block ends well; with CUDA each takes a GPU of its own.
 
     A block that fails leaves the others alone: parting waits for all, and torchrun ends them.

@@ -22,7 +22,7 @@ from torch import nn
 
 from pretouch.errors import Conflict
 from pretouch_detector.model.scorer import Scorer
-from pretouch_detector.training.augment import augmented
+from pretouch_detector.training.augment import augment
 from pretouch_detector.training.batch import batch_of
 from pretouch_detector.training.processes import ALONE, Processes
 from pretouch_detector.training.scorer_loss import scorer_loss
@@ -107,7 +107,7 @@ class Trainer:
         title = f"epoch {epoch + 1} of {self.schedule.epochs}"
         for step in track(range(steps), title, console=console, disable=self.among.rank > 0, transient=True):
             first = (step * self.among.world + self.among.rank) * size
-            chosen = [augmented(views[k], rng) for k in order[first : first + size]]
+            chosen = [augment(views[k], rng) for k in order[first : first + size]]
             self._set_rate((epoch * steps + step) / (self.schedule.epochs * steps))
             terms = scorer_loss(self.model, batch_of(chosen, self.schedule.rectangles, rng, self.device))
             self.optimiser.zero_grad(set_to_none=True)

@@ -15,7 +15,7 @@ from pretouch_registrar.engines.label_trials import Matching, Trials, View, best
 
 from pretouch.geometry import Array, rotation_from_vector, vector_from_rotation
 from pretouch.scene import Scene
-from pretouch_detector.proposals.random import candidates
+from pretouch_detector.proposals.random import draw_candidates
 
 TRANSLATION = 0.02
 ROTATION = float(np.radians(5.0))
@@ -40,7 +40,7 @@ class Settings:
     near: float = 6.0
 
 
-def label(
+def label_scene(
     scene: Scene, settings: Settings, rng: np.random.Generator, threads: int | None = None
 ) -> tuple[Array, Array]:
     """Rectangles (r, 5) and their scores (r, t), m; if `best_only`, the winner's scores alone, NaN elsewhere.
@@ -48,8 +48,8 @@ def label(
     Args:
         threads: None: one for each processor. The scores do not depend on it.
     """
-    rectangles = np.array([r.as_list() for r in candidates(scene, settings.rectangles, rng)])
-    moves = offsets(settings.trials, rng)
+    rectangles = np.array([r.as_list() for r in draw_candidates(scene, settings.rectangles, rng)])
+    moves = draw_offsets(settings.trials, rng)
     trials = Trials(settings.matching, NOISE, near=settings.near, seed=int(rng.integers(2**31)))
     view = view_of(scene, settings.matching)
     if not settings.best_only:
@@ -60,7 +60,7 @@ def label(
     return rectangles, found
 
 
-def offsets(count: int, rng: np.random.Generator) -> Array:
+def draw_offsets(count: int, rng: np.random.Generator) -> Array:
     """(count, 6), rotation vector and translation, rad and m: roll, pitch, yaw and shift uniform, camera axes."""
     angles = rng.uniform(-ROTATION, ROTATION, (count, 3))
     shifts = rng.uniform(-TRANSLATION, TRANSLATION, (count, 3))
