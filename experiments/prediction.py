@@ -180,7 +180,7 @@ def compare(view: View, stage: int, offsets: int, seed: int) -> Comparison:
         paths = session.paths()
         predicted.append(session.registrar.predict(view.scene, session.scans, Settings(), paths))
         milliseconds.append(_time_prediction(session, paths))
-        achieved.append(session.achieved(paths))
+        achieved.append(session.scan_each(paths))
     by_candidate = np.transpose(predicted).tolist(), np.transpose(achieved).tolist()
     return Comparison(view.case.name, stage, present, *by_candidate, milliseconds)
 
@@ -215,17 +215,17 @@ class Session:
         planned = plan_paths(self.view.scene, self.view.candidates, self.estimate, ScanSettings())
         return [path for path in planned if path is not None]
 
-    def after(self, path: Trajectory, *name: object) -> Session:
+    def scan(self, path: Trajectory, *name: object) -> Session:
         """The session once `path` is scanned, its noise fixed by the session's names and `name`."""
         names = (*self.names, *name)
-        scan = self.view.seen.scanned(self.truth, path, ThinBeam(), generator(*names))
+        scan = self.view.seen.scan(self.truth, path, ThinBeam(), generator(*names))
         scans = (*self.scans, scan)
         estimate = self.registrar.register(self.view.scene, scans, Settings())
         return replace(self, scans=scans, estimate=estimate, names=names)
 
-    def achieved(self, paths: Sequence[Trajectory]) -> list[float]:
+    def scan_each(self, paths: Sequence[Trajectory]) -> list[float]:
         """m: the error after each path, were it scanned next."""
-        after = [self.after(path, "candidate", k) for k, path in enumerate(paths)]
+        after = [self.scan(path, "candidate", k) for k, path in enumerate(paths)]
         return [session.error(session.estimate) for session in after]
 
 
@@ -239,7 +239,7 @@ def sessions(view: View, stage: int, offsets: int, seed: int) -> Iterable[Sessio
         for rectangle in view.made[:stage]:
             path = plan_paths(view.scene, [rectangle], session.estimate, ScanSettings())[0]
             if path is not None:
-                session = session.after(path, "made")
+                session = session.scan(path, "made")
         yield session
 
 

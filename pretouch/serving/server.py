@@ -117,7 +117,7 @@ def _bind(server: grpc.aio.Server, settings: Settings) -> int:
             return int(server.add_insecure_port(address))
         return int(server.add_secure_port(address, credentials))
     except RuntimeError as error:
-        raise _taken(address) from error
+        raise _cannot_listen(address) from error
 
 
 def _serve_metrics(stack: AsyncExitStack, kit: Kit, settings: Settings) -> int | None:
@@ -126,12 +126,12 @@ def _serve_metrics(stack: AsyncExitStack, kit: Kit, settings: Settings) -> int |
     try:
         server = MetricsServer(kit.metrics, settings.host, settings.metrics_port)
     except OSError as error:
-        raise _taken(settings.address(settings.metrics_port)) from error
+        raise _cannot_listen(settings.address(settings.metrics_port)) from error
     stack.push_async_callback(asyncio.to_thread, server.close)
     return server.port
 
 
-def _taken(address: str) -> Unavailable:
+def _cannot_listen(address: str) -> Unavailable:
     return Unavailable(
         f"The service cannot listen on {address}.",
         "Choose a free port and an address of this machine; another service may already run there.",

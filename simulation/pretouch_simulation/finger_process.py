@@ -103,7 +103,7 @@ class Finger:
         measured = zip(samples, ranges, status, strict=True)
         self._measured.update({k: (float(metres), int(code)) for k, metres, code in measured})
 
-    def due(self, now: float) -> list[bytes]:
+    def take_due(self, now: float) -> list[bytes]:
         """A frame for each sample whose time has come."""
         frames: list[bytes] = []
         while self.next_due <= now:
@@ -116,7 +116,7 @@ class Finger:
             self._next += 1
         return frames
 
-    def answers(self, data: bytes, now: float) -> list[bytes]:
+    def reply_to(self, data: bytes, now: float) -> list[bytes]:
         """A reply to everything asked that `data` completes."""
         replies = []
         for message in self._decoder.feed(data):
@@ -161,8 +161,8 @@ def play(finger: Finger, master: int, announcements: int) -> None:
                 return
             *lines, line = (line + data).split(b"\n")
             _announce(finger, lines)
-        frames = finger.answers(os.read(master, 4096), time.time()) if master in readable else []
-        for frame in frames + finger.due(time.time()):
+        frames = finger.reply_to(os.read(master, 4096), time.time()) if master in readable else []
+        for frame in frames + finger.take_due(time.time()):
             if len(output) + len(frame) <= _OUTPUT_LIMIT:
                 output += frame
         if output:

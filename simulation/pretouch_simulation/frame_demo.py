@@ -72,10 +72,10 @@ def direct_finger(case: Case, finger: Finger) -> Execute:
     """A robot that makes scans of the case's world without spending time on them."""
     rng = generator("finger", case.name, case.view)
 
-    def measured(base_T_tip: Array) -> tuple[Array, Any]:
+    def measure(base_T_tip: Array) -> tuple[Array, Any]:
         return finger.measure(case.world, base_T_tip, rng)
 
-    robot = DirectRobot(measured, finger.sensor.rate)
+    robot = DirectRobot(measure, finger.sensor.rate)
 
     def execute(plan: ScanPlan) -> tuple[Submission, Any]:
         samples = robot.scan(plan)

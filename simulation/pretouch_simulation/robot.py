@@ -130,14 +130,14 @@ class GatewayRobot:
         self._finger.play(motion.path, start)
         timeout = motion.path.duration + _LEAD + _PATIENCE
         try:
-            answers = self._gateway.StreamPoints(self._told(motion.path, start), timeout=timeout)
+            answers = self._gateway.StreamPoints(self._tell_poses(motion.path, start), timeout=timeout)
             batches = [samples_from_proto(answer.samples) for answer in answers]
         except grpc.RpcError as error:
             raise from_rpc_error(error) from error
         span = GatewaySpan(self._device, start + motion.start, start + motion.end)
         return _samples_within(batches, span), span
 
-    def _told(self, path: Trajectory, start: float) -> Iterator[pb.StreamPointsRequest]:
+    def _tell_poses(self, path: Trajectory, start: float) -> Iterator[pb.StreamPointsRequest]:
         """Tells the gateway each pose when the tip is there: at POSE_RATE, and at the corners of its path."""
         yield pb.StreamPointsRequest(device=self._device)
         times = np.union1d(np.arange(0.0, path.duration, 1.0 / POSE_RATE), path.t)

@@ -93,7 +93,7 @@ def test_a_view_is_scanned_by_a_finger_of_its_own(tmp_path: Path) -> None:
 
 
 def test_where_the_clients_mask_strays_the_objects_true_points_are_scored(tmp_path: Path) -> None:
-    view = Task(0, 1, 0).seen(0)
+    view = Task(0, 1, 0).load_view(0)
     truth = Pose.of(np.eye(3), np.array([0.01, 0.0, 0.0])) @ Pose.from_rotation_vector([0.0, 0.0, 0.2], np.zeros(3))
     strayed = replace(view.scene, mask=view.scene.depth.metres > 0)
     errors = [

@@ -77,7 +77,7 @@ def test_each_object_of_a_frame_is_a_view_upright_on_the_table(frame_file: Path)
     assert np.quantile(scene.cloud[:, 2], 0.98) == pytest.approx(0.06, abs=0.006)
     assert u0 > 0
     assert v0 > 0
-    view = tasks[1].seen(0)
+    view = tasks[1].load_view(0)
     assert len(view.case.world.bodies) == 2
     assert view.scene.mask.sum() == scene.mask.sum()
 
@@ -88,7 +88,7 @@ def test_a_frame_needs_neither_names_nor_poses(frame_file: Path) -> None:
     assert (task.name, task.object, task.label) == ("frame-4", "frame", 4)
     assert task.scene(0)[0].mask.sum() > 200
     with pytest.raises(InvalidInput, match="no object with its pose"):
-        task.seen(0)
+        task.load_view(0)
     changed(frame_file, object_labels=None)
     assert [task.label for task in frame_tasks(frame_file.parent)] == [3, 4]
 

@@ -33,7 +33,7 @@ class DisparityErrors:
     locking: float
     steps: float
 
-    def applied(
+    def apply(
         self, disparity: Array, bodies: NDArray[np.int64], scale: float, zoom: float, rng: np.random.Generator
     ) -> Array:
         """The disparity (h, w), px, 0 = none, as it is measured.

@@ -109,10 +109,10 @@ class WindowCamera:
         """The image of `world` from `base_T_camera`, `shape` = (h, w)."""
         zoom = camera.fx / self.focal
         sight = look(world, camera, base_T_camera, shape, self.baseline)
-        matched = self._matched(sight, zoom, rng)
-        matched = np.where(self._dropped(sight, zoom, rng), 0.0, matched)
+        matched = self._match(sight, zoom, rng)
+        matched = np.where(self._draw_dropouts(sight, zoom, rng), 0.0, matched)
         scale = self.baseline * self.focal
-        disparity = self.errors.applied(matched, sight.bodies, scale, zoom, rng)
+        disparity = self.errors.apply(matched, sight.bodies, scale, zoom, rng)
         metres = scale / np.maximum(disparity, 1e-6)
         good = (disparity > 0) & (metres >= self.range[0]) & (metres <= self.range[1])
         shift = zoom * self.registration * rng.standard_normal(2)
@@ -120,7 +120,7 @@ class WindowCamera:
         mask = distort_outline(sight.bodies == 0, self.outline, zoom, rng) & (depth.metres > 0)
         return Rendering(depth, sight.bodies, mask)
 
-    def _matched(self, sight: Sight, zoom: float, rng: np.random.Generator) -> Array:
+    def _match(self, sight: Sight, zoom: float, rng: np.random.Generator) -> Array:
         """(h, w), px: the disparity of the surface that each window is matched to, 0 = none."""
         window = self.window
         size = max(3, int(np.rint(window.size * zoom)))
@@ -143,7 +143,7 @@ class WindowCamera:
         lost = (two & (beyond > 0) & (beyond < gap)) | (seen < _LEAST_SEEN)
         return np.where(lost, 0.0, value)
 
-    def _dropped(self, sight: Sight, zoom: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    def _draw_dropouts(self, sight: Sight, zoom: float, rng: np.random.Generator) -> NDArray[np.bool_]:
         drop, shape = self.dropouts, sight.depth.shape
         steep = sight.incidence > drop.steepest + _STEEP_SPREAD * smooth_field(rng, shape, zoom * self.window.size)
         dark = smooth_field(rng, shape, zoom * drop.patch) > _threshold(drop.dark)

@@ -47,5 +47,5 @@ def draw_cone(rng: np.random.Generator) -> ConeFinger:
         flagged=0.01,
         outliers=0.003,
     )
-    reflectances = Reflectances.drawn(DARKEST, rng)
+    reflectances = Reflectances.draw(DARKEST, rng)
     return ConeFinger(SENSOR, ConeResponse(Spot(half_angle), nearness, estimator), errors, reflectances)

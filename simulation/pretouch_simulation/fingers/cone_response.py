@@ -50,7 +50,7 @@ class Reflectances:
     bodies: tuple[float, ...] = (1.0,)
 
     @staticmethod
-    def drawn(darkest: float, rng: np.random.Generator) -> Reflectances:
+    def draw(darkest: float, rng: np.random.Generator) -> Reflectances:
         """Log-uniform from `darkest` to 1, for the table and for eight bodies."""
         table, *bodies = np.exp(rng.uniform(np.log(darkest), 0.0, 9)).tolist()
         return Reflectances(table, tuple(bodies))

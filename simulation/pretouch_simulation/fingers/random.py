@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch.tof import Sensor
+from pretouch_simulation.draws import draw_log_uniform
 from pretouch_simulation.fingers.cone_finger import ConeFinger, Errors
 from pretouch_simulation.fingers.cone_response import ConeResponse, Estimator, Reflectances
 from pretouch_simulation.fingers.range_curve import RangeCurve
@@ -59,7 +60,7 @@ def draw_random(rng: np.random.Generator) -> ConeFinger:
         range_std=errors.noise * float(MISSTATED ** rng.uniform(-1, 1)),
         beam_half_angle=stated_half_angle,
     )
-    return ConeFinger(sensor, response, errors, Reflectances.drawn(DARKEST, rng))
+    return ConeFinger(sensor, response, errors, Reflectances.draw(DARKEST, rng))
 
 
 def _draw_response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
@@ -71,10 +72,10 @@ def _draw_response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
     stated = float(rng.uniform(*STATED_HALF_ANGLE))
     profile = Profile.GAUSSIAN if rng.uniform() < 0.5 else Profile.FLAT
     spot = Spot(stated * float(rng.uniform(*WIDTH)), profile, boresight)
-    nearness = np.inf if rng.uniform() < EVEN_SHARE else _draw_log_uniform(rng, *NEARNESS)
+    nearness = np.inf if rng.uniform() < EVEN_SHARE else draw_log_uniform(rng, *NEARNESS)
     peak = Estimator.FIRST_PEAK if rng.uniform() < 0.5 else Estimator.STRONGEST_PEAK
     estimator = Estimator.MEAN if rng.uniform() < MEAN_SHARE else peak
-    return ConeResponse(spot, nearness, estimator, _draw_log_uniform(rng, *PULSE)), stated
+    return ConeResponse(spot, nearness, estimator, draw_log_uniform(rng, *PULSE)), stated
 
 
 def _draw_errors(rng: np.random.Generator) -> Errors:
@@ -82,16 +83,12 @@ def _draw_errors(rng: np.random.Generator) -> Errors:
     left = LINE_LEFT if rng.uniform() < 0.5 else CUBIC_LEFT
     bend = tuple((left * rng.standard_normal(len(left))).tolist())
     return Errors(
-        noise=_draw_log_uniform(rng, *NOISE),
+        noise=draw_log_uniform(rng, *NOISE),
         bias=float(rng.uniform(0, BIAS)),
         curve=RangeCurve((least_range, RANGE_MAX), float(GAIN * rng.standard_normal()), bend),
         step=0.001 if rng.uniform() < 0.5 else 0.0,
         least_range=least_range,
-        least_signal=_draw_log_uniform(rng, *LEAST_SIGNAL),
+        least_signal=draw_log_uniform(rng, *LEAST_SIGNAL),
         flagged=float(rng.uniform(0, FLAGGED)),
         outliers=float(rng.uniform(0, OUTLIERS)),
     )
-
-
-def _draw_log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))

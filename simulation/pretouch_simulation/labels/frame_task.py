@@ -68,7 +68,7 @@ class FrameTask:
         base_T_camera = upright(scene.table, scene.centroid)
         return replace(scene, base_T_camera=base_T_camera, table=scene.table.moved(base_T_camera)), origin
 
-    def seen(self, seed: int) -> LabelView:
+    def load_view(self, seed: int) -> LabelView:
         """The view with the world that the finger meets.
 
         Raises:

@@ -118,7 +118,7 @@ def label(task: ViewTask, recipe: Recipe, folder: Path, threads: int | None = 1)
         rectangles, scores = trials.label_scene(scene, settings, rng, threads)
         expected, predicted, sensor = np.full_like(scores, np.nan), np.full(len(scores), np.nan), Sensor()
     else:
-        view = task.seen(recipe.seed)
+        view = task.load_view(recipe.seed)
         scene, origin = view.scene, view.origin
         finger = realise(recipe.finger, generator("finger-model", recipe.seed, view.case.name, view.case.view))
         rectangles, scores, expected, predicted = _scan_rectangles(view, recipe, finger, rng)

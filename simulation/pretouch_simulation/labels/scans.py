@@ -86,7 +86,7 @@ def scan_and_register(
     true_cloud = view.case.cloud
     if path is None:
         return mean_error(true_cloud, truth, Pose.identity()), from_prior(settings.prior, scene.cloud).expected_error
-    solution = scoring.registrar.solution_of(scene, [view.scanned(truth, path, scoring.finger, rng)], settings)
+    solution = scoring.registrar.solution_of(scene, [view.scan(truth, path, scoring.finger, rng)], settings)
     correction = pose_of(solution.x, scene.centroid)
     left, _ = point_error(solution.covariance, correction.apply(scene.cloud), scene.centroid + solution.x[3:])
     return mean_error(true_cloud, truth, correction), left

@@ -43,7 +43,7 @@ class ViewTask(Protocol):
     def scene(self, seed: int) -> tuple[Scene, tuple[int, int]]:
         """What a session sees, and its first pixel (u0, v0); raises `PretouchError` where that is nothing."""
 
-    def seen(self, seed: int) -> LabelView:
+    def load_view(self, seed: int) -> LabelView:
         """The same beside the world that it was made of; raises `PretouchError` where there is none."""
 
 
@@ -90,10 +90,10 @@ class Task:
 
     def scene(self, seed: int) -> tuple[Scene, tuple[int, int]]:
         """What a session sees, and its first pixel; raises as `case`."""
-        view = self.seen(seed)
+        view = self.load_view(seed)
         return view.scene, view.origin
 
-    def seen(self, seed: int) -> LabelView:
+    def load_view(self, seed: int) -> LabelView:
         """The view as a session sees it, and its world; raises as `case`."""
         return view_of(self.case(seed))
 

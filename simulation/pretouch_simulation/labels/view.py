@@ -33,7 +33,7 @@ class LabelView:
     scene: Scene
     origin: tuple[int, int]
 
-    def scanned(self, truth: Pose, path: Trajectory, finger: Finger, rng: np.random.Generator) -> Scan:
+    def scan(self, truth: Pose, path: Trajectory, finger: Finger, rng: np.random.Generator) -> Scan:
         """What the finger meets along `path` where `truth` is the right correction, instead of the case's own.
 
         Only the object's place relative to the camera's belief matters. So the world is moved rather than the camera's

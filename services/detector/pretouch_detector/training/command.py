@@ -58,7 +58,7 @@ def train(
     facts = {
         "command": shlex.join(["pretouch", *sys.argv[1:]]),
         "views": {"train": len(views), "validation": len(validation)},
-        "validation": trainer.judged(validation),
+        "validation": trainer.evaluate(validation),
     }
     export_scorer(out / "weights.safetensors", out, facts)
     console.print(f"The weights are {out}/scorer.onnx and .safetensors; the curves are {draw(out)}.")

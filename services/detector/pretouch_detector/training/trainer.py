@@ -78,14 +78,14 @@ class Trainer:
         """All epochs that are left; each ends with a checkpoint."""
         steps = max(1, len(views) // (self.schedule.batch * self.among.world))
         for epoch in range(len(self.log), self.schedule.epochs):
-            entry = self._epoch(views, epoch, steps)
-            entry |= {f"validation {name}": value for name, value in self.judged(validation).items()}
+            entry = self._train_epoch(views, epoch, steps)
+            entry |= {f"validation {name}": value for name, value in self.evaluate(validation).items()}
             self.log.append(entry)
             if self.among.rank == 0:
                 self._save()
 
     @torch.no_grad()
-    def judged(self, views: Sequence[Targets]) -> dict[str, float]:
+    def evaluate(self, views: Sequence[Targets]) -> dict[str, float]:
         """The terms of the loss on views as they are, by the averaged weights."""
         self.averaged.eval()
         rng = np.random.default_rng(0)
@@ -96,7 +96,7 @@ class Trainer:
         ]
         return {name: float(np.mean([float(each[name]) for each in terms])) for name in terms[0]}
 
-    def _epoch(self, views: Sequence[Targets], epoch: int, steps: int) -> dict[str, float]:
+    def _train_epoch(self, views: Sequence[Targets], epoch: int, steps: int) -> dict[str, float]:
         self.model.train()
         size = self.schedule.batch
         order = np.random.default_rng((self.schedule.seed, epoch)).permutation(len(views))
