@@ -209,7 +209,7 @@ def _app(called: str | None) -> typer.Typer:
 
 
 def main() -> None:
-    """Runs the command line; what a user can put right is said in two lines, with exit code 2."""
+    """Runs the command line; an error that the user can fix is printed in two lines, with exit code 2."""
     called = sys.argv[1] if len(sys.argv) > 1 else None
     try:
         _app(called)()

@@ -11,7 +11,7 @@ from pretouch.errors import DeadlineExceeded, PretouchError, Unauthenticated, Un
 
 
 class Gate:
-    """Lets calls in while the service serves and the token is right; sees to it that all of them leave in the end."""
+    """Admits calls while the service serves and the token is right, and makes sure that all of them end."""
 
     def __init__(self, token: str | None) -> None:
         self._token = None if token is None else f"Bearer {token}".encode()

@@ -64,7 +64,7 @@ class _Registry(grpc.GenericRpcHandler):  # type: ignore[misc]
 
 @asynccontextmanager
 async def started(name: str, running: Running, settings: Settings) -> AsyncIterator[Started]:
-    """Serves `running` for as long as the block lasts, then drains: calls under way get `settings.grace` to end.
+    """Serves `running` for as long as the block lasts, then drains: running calls get `settings.grace` to finish.
 
     The health service says SERVING between warm-up and drain, for the server ("") and each service by name.
 

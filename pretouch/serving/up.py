@@ -42,7 +42,7 @@ class Stack:
         log_level: log lines below it are left out.
 
     Raises:
-        InvalidInput: a port, token or device that cannot be.
+        InvalidInput: an invalid port, token or device.
     """
 
     host: str

@@ -11,7 +11,7 @@ from pretouch.geometry import Array
 _RIGHT, _DOWN = (-0.5, 0.5, 0.5, -0.5), (-0.5, -0.5, 0.5, 0.5)
 """The corners, in order along the outline, in units of the sides."""
 _FLAT = 1e-12
-"""A length below which an edge's extent counts as this one; it bounds a wrong share by as much."""
+"""An edge's extent is taken to be at least this, which avoids a division by zero and bounds the error that it makes."""
 
 
 def common_areas(rectangle: ArrayLike, others: ArrayLike) -> Array:

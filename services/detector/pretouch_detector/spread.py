@@ -1,4 +1,4 @@
-"""Regions that differ: of two that overlap much only the better is kept."""
+"""Non-maximum suppression: of two regions that overlap much only the better is kept."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pretouch.geometry import Array
 from pretouch_detector.overlap import intersection_over_union
 
 MAX_OVERLAP = 0.6
-"""Intersection over union of two regions, exact, above which only the better is proposed."""
+"""Exact intersection over union of two regions above which only the better is proposed."""
 
 
 def suppress_overlapping(ranked: ArrayLike, count: int) -> list[int]:
@@ -18,7 +18,7 @@ def suppress_overlapping(ranked: ArrayLike, count: int) -> list[int]:
 
     Args:
         ranked: (n, 5) as [x, y, w, h, theta], the best first.
-        count: as many at most.
+        count: the largest number to keep.
 
     Returns:
         Their indices, the best first.

@@ -1,10 +1,10 @@
 """The network: the error that a scan of any rectangle's perimeter would leave.
 
-The network corrects what proposer `stability` works out by itself, the `analytic` error. Features are read along the
-perimeter, where the finger would go, and nowhere else. A small network reads each point with its neighbours and says
-along which directions, and how well, a beam there fixes the place of what it meets. What beams tell of a pose adds up
-as J^T J (Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003). From the variances that this
-leaves of the calibration prior, the perimeter and the whole a last network takes the correction.
+The network corrects the `analytic` error that proposer `stability` computes. Features are sampled along the perimeter
+only, where the finger would go. A small network reads each point with its neighbours and answers along which
+directions, and how well, a beam there constrains the place of what it hits. The beams' information about the pose adds up as J^T J
+(Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003). From the posterior variances, features of
+the perimeter and features of the whole image a last network predicts the correction.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ POINTS = 48
 """Points along a perimeter, evenly."""
 OUTPUTS = ("log_error", "log_std", "log_expected", "log_predicted")
 """Log of the mean error, m; log of the standard deviation of the error's logarithm; and logs, m, of what the registrar
-expects after the scan and predicts before it: the last two only help to learn."""
+expects after the scan and predicts before it; the last two are auxiliary training targets."""
 _DIRECTIONS = 2
-"""That a beam fixes the place along."""
+"""Directions along which a beam constrains the place that it hits."""
 _USUAL = 0.007
-"""m: an error."""
+"""m: a typical error, which normalises inputs."""
 _SHARP = 4.0
-"""1 / LENGTH: of a direction for which the network says 1."""
+"""1 / LENGTH: the weight of a direction for which the network answers 1."""
 
 
 class _Along(nn.Module):

@@ -38,7 +38,7 @@ def readiness() -> list[tuple[Proposer, str]]:
 
 
 def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int, seed: int) -> Proposals:
-    """Up to `count` regions by `proposer`; None takes the best that is ready. The same arguments give the same answer.
+    """Up to `count` regions by `proposer`; None takes the best that is ready. The result is deterministic.
 
     Raises:
         InvalidInput: count out of range.
@@ -60,7 +60,7 @@ def _reason_not_ready(proposer: Proposer) -> str:
 
 
 def warm_up() -> None:
-    """Compiles or loads all that requests need of the proposers that are ready."""
+    """Compiles or loads everything that requests to the ready proposers need."""
     depth = np.ones((24, 24), np.float32)
     mask = np.zeros(depth.shape, np.bool_)
     mask[8:16, 8:16] = True

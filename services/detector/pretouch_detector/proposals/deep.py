@@ -22,7 +22,7 @@ from pretouch_detector.spread import suppress_overlapping
 
 WEIGHTS = Weights(FOLDER)
 _MARGIN = 0.13
-"""m around the object that the network may see: a session's view has about as much, and the network learned by it."""
+"""m around the object that the network may see: about what a session's view has, on which it was trained."""
 _CANDIDATES, _ASKED = 480, 240
 """How many are drawn, and how many of the best by `stability` the network is asked about; never fewer than wanted."""
 
@@ -46,7 +46,7 @@ def reason_not_ready() -> str:
 
 
 def warm_up(threads: int = THREADS) -> None:
-    """Reads the network, if it can be, for questions that occupy so many threads each."""
+    """Loads the network, if possible, for inference with `threads` threads."""
     try:
         WEIGHTS.network(threads)
     except Unavailable:
@@ -56,7 +56,7 @@ def warm_up(threads: int = THREADS) -> None:
 def propose_by(
     network: Network, scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator
 ) -> list[ProposedRegion]:
-    """As `propose`, by any network."""
+    """As `propose`, with the given network."""
     scene, origin = scene.cropped(_MARGIN)
     rectangles = draw_rectangles(scene, max(_CANDIDATES, count), rng)
     analytic, _ = remaining_error(scene, sensor, rectangles)

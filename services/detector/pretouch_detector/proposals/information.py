@@ -1,14 +1,14 @@
-"""What a scan along a perimeter would tell about the pose: linear, from the view alone, many candidates at once.
+"""The information about the pose that a scan along a perimeter would give: linearised, from the view alone.
 
 The beam is along the table's normal. Where it meets a surface of height z(x, y) above the table, a small motion of the
 world changes its range by n . (w x p + d), n = (-dz/dx, -dz/dy, 1): each beam is one row of information about (w, d),
 after Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm" (2003). The table counts like the object,
-since they move as one: it fixes height and tilt. An edge, be it the silhouette or a step or crease within it, is where
-the slope is steep or changes: it fixes the pose across itself, no better than the camera saw where it is. Beams that
-would end beyond the sensor's range tell nothing but where the object ends.
+since they move as one: it constrains height and tilt. An edge (silhouette, step or crease) is where the slope is steep
+or changes: it constrains the pose across the edge, as precisely as the camera located the edge. Beams that would end
+beyond the sensor's range only tell where the object ends.
 
-The object is not where the camera puts it, so that a scan does not meet what its perimeter shows. The covariance that
-it would leave is therefore the mean over displacements that the calibration prior allows.
+Since the camera is miscalibrated, a scan does not meet exactly what its perimeter shows. The covariance after the scan
+is therefore averaged over the displacements that the calibration prior allows.
 """
 
 from __future__ import annotations
@@ -25,16 +25,17 @@ from pretouch_detector.proposals.paths import perimeter_paths
 from pretouch_detector.proposals.relief import Relief, relief
 
 _HEIGHT_STD = 0.002
-"""m: of what the camera saw, along the normal; and across it:"""
+"""m: standard deviation of the camera's points along the surface normal."""
 _PLACE_STD = 0.006
+"""m: the same across the normal."""
 _SMOOTHING = 0.0075
-"""m: slopes are taken over about so much."""
+"""m: the length over which slopes are computed."""
 _STEEP = 0.3
-"""Slope from which on a beam that may miss still tells where the object ends."""
+"""Slope above which a beam counts although it may miss: it still tells where the object ends."""
 _BEAMS = 30
-"""Beams of a candidate that are looked at, evenly along its path."""
+"""Beams that are evaluated for each candidate, evenly along its path."""
 _INDEPENDENT, _INDEPENDENT_LENGTH, _INDEPENDENT_POWER = 12.0, 0.2, 0.3
-"""Beams that a path of 0.2 m is worth, and how that grows with its length: neighbours share the camera's error."""
+"""Independent beams on a path of 0.2 m, and how their number grows with the length: neighbours share errors."""
 _NEAR_OBJECT = 0.015
 """m from the object, over the ground, beyond which nothing is scanned."""
 _CLEARANCE, _CLEARED = 0.055, 0.03

@@ -1,4 +1,4 @@
-"""Proposer `stability`: random candidates ranked by what scans along their perimeters would tell about the pose."""
+"""Proposer `stability`: random candidates ranked by the pose error that a scan of their perimeter would leave."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Views changed in ways that leave a rectangle's error as it is, and its place with them."""
+"""Augmentation: views changed in ways that leave each rectangle's error as it is."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _EDGE_DROPOUT = 0.3
 def augment(targets: Targets, rng: np.random.Generator) -> Targets:
     """The view mirrored, rolled about the optical axis, nearer or further, with more noise and holes.
 
-    A mirrored world is as good as the world; heights and places do not depend on the camera's roll or on how large the
-    square is taken.
+    A mirrored world is as plausible as the original; heights and places depend neither on the camera's roll nor on the
+    size of the square.
     """
     mirror = rng.random() < 0.5
     turn, zoom = rng.uniform(-_ROLL, _ROLL), np.exp(rng.uniform(-_ZOOM, _ZOOM))

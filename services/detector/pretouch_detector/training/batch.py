@@ -1,4 +1,4 @@
-"""Some labelled views at a time, as tensors."""
+"""Batches of labelled views, as tensors."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Batch:
 
 
 def batch_of(views: Sequence[Targets], rectangles: int, rng: np.random.Generator, device: torch.device) -> Batch:
-    """The views, with as many rectangles drawn of each; of a view that has fewer, some come twice."""
+    """The views with `rectangles` rectangles drawn from each; a view that has fewer repeats some."""
     chosen = [_draw(len(view.rectangles), rectangles, rng) for view in views]
     return Batch(
         torch.from_numpy(np.stack([view.image for view in views])).to(device),

@@ -4,7 +4,7 @@
     train/<name>.npz        a view and its labels, one file each
     validation/<name>.npz
 
-A file is written whole or not at all, so that a killed run goes on where it was. LABELS.md beside the detector's README
+A file is written whole or not at all, so that a killed run can be resumed. LABELS.md beside the detector's README
 documents the arrays.
 """
 
@@ -37,12 +37,12 @@ _DAMAGED = (
     AttributeError, EOFError, KeyError, IndexError, MemoryError, NotImplementedError, OSError, RuntimeError, TypeError,
     ValueError, struct.error, zipfile.BadZipFile, zlib.error, PretouchError,
 )  # fmt: skip
-"""What numpy, zipfile and json raise on files that are cut short or changed."""
+"""What numpy, zipfile and json raise on truncated or altered files."""
 
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """One view and what was learned of its rectangles.
+    """One view and the labels of its rectangles.
 
     Attributes:
         name: of the view, unique in its dataset.
@@ -84,7 +84,7 @@ class Example:
         """(r,), m: each rectangle's error over its trials, NaN where none was made.
 
         Args:
-            worst: it is as good as its worst trial, as in the paper; else as its trials' mean.
+            worst: take the worst trial, as in the paper, instead of the mean of the trials.
         """
         found = np.full(len(self.rectangles), np.nan)
         made = ~np.isnan(self.scores).all(axis=1)
@@ -125,7 +125,7 @@ class Dataset:
 
     @classmethod
     def create(cls, folder: Path, description: dict[str, Any]) -> Dataset:
-        """A new dataset, or the one that was begun there by the same description but for `command`.
+        """Creates a dataset, or opens the one in the folder if its description is the same, apart from `command`.
 
         Raises:
             Conflict: the folder holds a dataset that was made otherwise.
@@ -149,7 +149,7 @@ class Dataset:
 
     @property
     def by_worst(self) -> bool:
-        """Whether a rectangle is as good as its worst trial: so it is where the labels are the paper's."""
+        """Whether a rectangle is scored by its worst trial instead of the mean, which holds for the paper's labels."""
         return bool(self.description.get("recipe", {}).get("kind") == "trials")
 
     def path(self, side: str, name: str) -> Path:

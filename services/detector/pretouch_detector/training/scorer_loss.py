@@ -1,4 +1,4 @@
-"""What the network is taught by."""
+"""The loss of the network."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pretouch_detector.training.batch import Batch
 from pretouch_detector.training.targets import ACHIEVED, EXPECTED, PREDICTED
 
 _SHARPNESS = 3.0
-"""Of the two helping terms: an error of a third in a prediction costs about as much as the achieved error's noise."""
+"""Weight of the two auxiliary terms: a relative error of a third costs as much as the noise of the achieved error."""
 
 
 def scorer_loss(model: nn.Module, batch: Batch) -> dict[str, Tensor]:
     """Terms of the loss of a `Scorer`, by name.
 
-    `achieved` is the negative log likelihood of an exponential distribution, which has the mean error, and nothing else
-    of its noisy distribution, as its optimum. `spread` is that of the logarithm's standard deviation. `expected` and
-    `foreseen`, the registrar's prediction, are squares of the logarithms' differences.
+    `achieved` is the negative log likelihood of an exponential distribution, whose optimum depends on the mean error
+    alone. `spread` is that of a normal distribution of the error's logarithm. `expected` and `foreseen` (the
+    registrar's prediction) are squared differences of logarithms.
     """
     out = model(batch.image, batch.rectangles, batch.analytic)
     achieved, known = _known(batch.errors[..., ACHIEVED])

@@ -1,4 +1,4 @@
-"""What the network learns of a labelled view: its image, rectangles, and what is known of each rectangle's error."""
+"""A labelled view as the network's training data: image, rectangles, and the errors known of each rectangle."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ ACHIEVED, EXPECTED, PREDICTED = range(3)
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """A labelled view, ready to be learned.
+    """A labelled view, ready for training.
 
     Attributes:
         image: (C, S, S), see `encoding`.
         rectangles: (r, 5), as `Encoding.normalised`.
-        analytic: (r,), m: what the perimeter tells by itself, see `proposals.information`.
-        errors: (r, 3), m: ACHIEVED, the mean over the trials, or of the paper's trials the worst; EXPECTED by the
-            engine after them; PREDICTED by the
-            registrar before them. NaN where unknown.
+        analytic: (r,), m: as proposer `stability` computes it, see `proposals.information`.
+        errors: (r, 3), m: ACHIEVED, the mean over the trials, or the worst of the paper's trials; EXPECTED by the
+            engine after them; PREDICTED by the registrar before them. NaN where unknown.
     """
 
     image: Floats
@@ -41,7 +40,7 @@ def targets_of(example: Example, worst: bool) -> Targets:
     """Of one view.
 
     Args:
-        worst: a rectangle is as good as its worst trial, as in the paper; else as its trials' mean.
+        worst: take a rectangle's worst trial, as in the paper, instead of the mean of its trials.
     """
     encoding = encode(example.scene)
     expected = np.full(len(example.rectangles), np.nan)

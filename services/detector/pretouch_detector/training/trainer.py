@@ -1,8 +1,8 @@
-"""The training loop: on a processor, on one GPU, or on many by torchrun; it goes on after it was stopped.
+"""The training loop: on a processor, on one GPU, or on many by torchrun; it can be stopped and resumed.
 
-run/checkpoint.pt    all that is needed to go on, written after each epoch
-run/log.json         the terms of the loss and the rank correlations, an entry an epoch
-run/weights.safetensors   the weights' running average, which is what is used
+run/checkpoint.pt    all that is needed to resume, written after each epoch
+run/log.json         the terms of the loss, an entry an epoch
+run/weights.safetensors   the weights' running average, which is what is exported
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Schedule:
 
 
 class Trainer:
-    """Teaches `model` and keeps its state in the folder `run`.
+    """Trains `model` and keeps its state in the folder `run`.
 
     Raises:
         Conflict: the folder holds a run with another schedule.
@@ -75,7 +75,7 @@ class Trainer:
         self._resume()
 
     def train(self, views: Sequence[Targets], validation: Sequence[Targets]) -> None:
-        """All epochs that are left; each ends with a checkpoint."""
+        """Runs the remaining epochs; each ends with a checkpoint."""
         steps = max(1, len(views) // (self.schedule.batch * self.among.world))
         for epoch in range(len(self.log), self.schedule.epochs):
             entry = self._train_epoch(views, epoch, steps)
@@ -86,7 +86,7 @@ class Trainer:
 
     @torch.no_grad()
     def evaluate(self, views: Sequence[Targets]) -> dict[str, float]:
-        """The terms of the loss on views as they are, by the averaged weights."""
+        """The terms of the loss on views without augmentation, by the averaged weights."""
         self.averaged.eval()
         rng = np.random.default_rng(0)
         size = self.schedule.batch

@@ -24,12 +24,12 @@ NOISE = 0.0015
 
 @dataclass(frozen=True)
 class Settings:
-    """How an image is labelled; the paper's numbers unless said otherwise.
+    """How an image is labelled; the defaults are the paper's unless said otherwise.
 
     Attributes:
         rectangles, trials: n_R and n_trials.
         matching: by which engine's kernel.
-        best_only: only the winner's score is wanted: the others' trials end as soon as they cannot win.
+        best_only: compute only the winner's score: other rectangles' trials end as soon as they cannot win.
         near: px, how far from the perimeter the target's points may lie; the paper says "near or on".
     """
 
@@ -46,7 +46,7 @@ def label_scene(
     """Rectangles (r, 5) and their scores (r, t), m; if `best_only`, the winner's scores alone, NaN elsewhere.
 
     Args:
-        threads: None: one for each processor. The scores do not depend on it.
+        threads: None for one per processor. The scores do not depend on it.
     """
     rectangles = np.array([r.as_list() for r in draw_candidates(scene, settings.rectangles, rng)])
     moves = draw_offsets(settings.trials, rng)
