@@ -1,11 +1,11 @@
-"""How far a pose is from the truth that explains the camera's image perfectly: what no finger can find better.
+"""The least error of registering a finger's scans to a camera's image, whose own errors no finger can correct.
 
     python -m experiments.camera_floor MESHES [--limit 20] [--seed 0]
 
 A depth camera's surface is off by millimetres, rigid in part. The camera's points of each validation mesh, at their
-true place, are fitted onto the true mesh (`fitted_truth`), as if a finger had measured all of it without error; the
-motion that this takes is the floor of any registration of the image. The views are those of `pretouch evaluate --split
-validation --views 1`. Fitted with a prior of 3 mm and 1 deg, the floor is a low estimate.
+true place, are fitted onto the true mesh (`fitted_truth`), as if a finger had measured all of it without error. The
+motion that this takes is a lower bound for any registration of the image. The views are those of `pretouch evaluate
+--split validation --views 1`. Fitted with a prior of 3 mm and 1 deg, the bound is a low estimate.
 """
 
 from __future__ import annotations

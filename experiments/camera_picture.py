@@ -1,4 +1,4 @@
-"""Real and simulated residuals side by side, and the curves that sum them up."""
+"""Real and simulated residuals side by side, and curves that summarise them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Real depth frames, and the same worlds before simulated cameras."""
+"""Real depth frames, and the same worlds seen by simulated cameras."""
 
 from __future__ import annotations
 

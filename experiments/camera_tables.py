@@ -1,4 +1,4 @@
-"""What is wrong with depth images, real and simulated, in tables."""
+"""Tables of the errors of depth images, real and simulated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the simulated depth cameras err, beside real ones: residuals against the true meshes and tables.
+"""Errors of the simulated depth cameras beside real ones: residuals against the true meshes and tables.
 
     python -m experiments.cameras [--frames DIR] [--scenes DIR] [--out docs/results]
 
@@ -24,7 +24,7 @@ FITTED = tuple(f"0000_00000{number}" for number in range(1, 6))
 """Frames to which the camera `window` was fitted."""
 SHOWN = (("0000_000008", "009_gelatin_box"), ("0003_000138", "005_tomato_soup_can"))
 _EVERY = 12
-"""To which of the scenes' tables it was fitted: the first and every twelfth after it, in the order of their names."""
+"""Camera `window` was fitted to the tables of the first scene and every twelfth after it, in the order of names."""
 _HELD_OUT = 6
 
 HEAD = """# Simulated depth cameras beside real ones

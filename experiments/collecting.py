@@ -18,12 +18,12 @@ from pretouch.session import Proposer
 
 PROPOSERS = (Proposer.RANDOM, Proposer.NARF, Proposer.STABILITY, Proposer.DEEP)
 _SECONDS = {"ideal": 0.18, "vl6180x": 0.35, "cone": 0.35, "random": 0.35, PAPER: 0.015}
-"""Of one core, for one scan and its match."""
+"""s of one core for one scan and its registration."""
 _VIEW_SECONDS, _LABELLED_VIEW_SECONDS = 1.0, 12.0
 
 
 def split_by_readiness(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
-    """Those that can be used, and why the others cannot.
+    """Splits the proposers into those that are ready, and the reasons why the others are not.
 
     Raises:
         Unavailable: none can.
@@ -38,7 +38,7 @@ def split_by_readiness(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict
 
 
 def run_jobs(jobs: Sequence[Job], workers: int | None, kept: PartialRows, title: str) -> list[Row]:
-    """Runs the jobs whose rows are not in `kept` yet; the rows of all, in the order of the jobs.
+    """Runs the jobs whose rows are not in `kept` yet; the rows of all jobs, in their order.
 
     Raises:
         KeyboardInterrupt: what was made by then is in `kept`.
@@ -69,7 +69,7 @@ def run_jobs(jobs: Sequence[Job], workers: int | None, kept: PartialRows, title:
 def jobs_of(
     target: Any, setup: str, proposers: Sequence[Proposer], offsets: int, seed: int, first: int, candidates: int
 ) -> list[Job]:
-    """One for each proposer's `first` rectangles, and before them one for `candidates`, if any."""
+    """A job for each proposer's `first` rectangles, after one for `candidates` random ones, if any."""
     subjects = [(CANDIDATES, candidates)] if candidates else []
     subjects += [(proposer.value, first) for proposer in proposers]
     return [Job(target, setup, subject, count, offsets, seed) for subject, count in subjects]

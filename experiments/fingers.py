@@ -1,4 +1,4 @@
-"""Simulated fingertips beside real time-of-flight modules, and what each reads over an edge and a bar.
+"""Simulated fingertips beside real time-of-flight modules, and their readings over an edge and a bar.
 
     python -m experiments.fingers [--ranges DIR] [--fingers 200] [--seed 0] [--out docs/results]
 
@@ -26,7 +26,7 @@ from pretouch.errors import NotFound
 from pretouch.geometry import Array
 
 DISTANCES = np.arange(0.030, 0.0901, 0.005)
-"""m: where the TMF8820 was compared with the arm, as far as all fingers see."""
+"""m: distances at which the TMF8820 was compared with the arm, within the range of all fingers."""
 STATIC_AT = 0.076
 """m: where the VL53L0X stood."""
 SECONDS = (0.5, 2.0, 6.0, 20.0)
@@ -43,12 +43,12 @@ _ONE_SIGMA = 0.683
 
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """What fingers of one model read on perpendicular walls.
+    """The readings of fingers of one model on perpendicular walls.
 
     Attributes:
-        errors: (f, d), m: reading minus distance of each finger at each of `DISTANCES`, noise averaged out; of those
-            that read something at each.
-        missing: fingers that do not.
+        errors: (f, d), m: reading minus distance of each finger at each of `DISTANCES`, noise averaged out; of the
+            fingers that read something at each.
+        missing: the number of other fingers.
         wander: (s,), m: for each of `SECONDS`, the standard deviation between scans of means over that time.
         single: m, standard deviation of single readings.
     """
@@ -112,12 +112,12 @@ def _existing(path: Path) -> Path:
 
 
 def fingers_of(model: FingerModel, count: int, seed: int) -> list[Finger]:
-    """The first `count` of the model."""
+    """The first `count` fingers of the model."""
     return [realise(model, generator("finger-model", seed, k)) for k in range(count)]
 
 
 def measure_walls(fingers: Sequence[Finger]) -> Walls:
-    """What the fingers read on the table from above."""
+    """Measures the table from above."""
     errors = np.stack([_measure_errors(finger, generator("wall", k)) for k, finger in enumerate(fingers)])
     there = np.isfinite(errors).all(axis=1)
     scans = [
@@ -142,7 +142,7 @@ def _measure_errors(finger: Finger, rng: np.random.Generator) -> Array:
 
 
 def trimmed_mean(readings: Array) -> Array:
-    """(...), m: means of readings (..., n), NaN = none, without the outer fifth: free of outliers."""
+    """(...), m: trimmed means of readings (..., n), NaN = none, without the outer fifth, which removes outliers."""
     low, high = np.nanquantile(readings, (0.1, 0.9), axis=-1, keepdims=True)
     inner = np.where((readings >= low) & (readings <= high), readings, np.nan)
     return np.asarray(np.nanmean(inner, axis=-1), dtype=np.float64)
@@ -154,7 +154,7 @@ def _measure(finger: Finger, distances: Array, rng: np.random.Generator) -> Arra
 
 
 def std_of_means(readings: Array, rate: float) -> Array:
-    """(s,), m: for each of `SECONDS`, the standard deviation of means over that time, of one row of readings (n,)."""
+    """(s,), m: for each of `SECONDS`, the standard deviation of the means of readings (n,) over that time."""
     found = []
     for seconds in SECONDS:
         count = max(1, round(seconds * rate))
@@ -163,7 +163,7 @@ def std_of_means(readings: Array, rate: float) -> Array:
 
 
 def residuals_of_fits(errors: Array, degree: int) -> Array:
-    """(f,), m rms: what polynomials of the degree, fitted to each finger's errors (f, d), leave."""
+    """(f,), m rms: residuals of polynomials of the degree fitted to each finger's errors (f, d)."""
     residuals = []
     for row in errors:
         fit = np.polynomial.Polynomial.fit(DISTANCES, row, degree)
@@ -172,7 +172,7 @@ def residuals_of_fits(errors: Array, degree: int) -> Array:
 
 
 def legendre_components(errors: Array) -> Array:
-    """(5,), m rms over fingers: Legendre components of degree 0 to 4 of errors (f, d), each as the rms that it adds."""
+    """(5,), m, rms over fingers: the Legendre components of degree 0 to 4 of errors (f, d), normalised to their rms."""
     places = (2 * DISTANCES - DISTANCES[0] - DISTANCES[-1]) / (DISTANCES[-1] - DISTANCES[0])
     basis = np.polynomial.legendre.legvander(places, 4) * np.sqrt(2 * np.arange(5) + 1)
     components = np.linalg.lstsq(basis, errors.T, rcond=None)[0]

@@ -1,6 +1,6 @@
-"""One view, many rectangles: what the pose error is after one scan of each, averaged over hidden offsets.
+"""The pose error after one scan of each of many rectangles of a view, averaged over hidden offsets.
 
-All rectangles of a view meet the same hidden offsets, so that they compare; the noise is each scan's own.
+All rectangles of a view are scanned under the same hidden offsets, so that they are comparable; noise differs.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from pretouch_detector.proposals import propose
-from pretouch_detector.spread import suppress_overlapping
+from pretouch_detector.suppression import suppress_overlapping
 from pretouch_detector.training import trials
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
@@ -35,16 +35,16 @@ from pretouch.session import Proposer
 from pretouch.tof import Scan, Sensor
 
 CANDIDATES = "candidates"
-"""The subject that is no proposer's: random rectangles among which the oracle chooses."""
+"""The subject of no proposer: random rectangles from which the oracle chooses."""
 ALGORITHM_1 = "algorithm 1"
-"""The subject whose regions are the best of a thousand by the paper's Algorithm 1, run on the view itself: what
-labels so made point to."""
+"""The subject whose regions are the best of a thousand by the paper's Algorithm 1, run on the view itself: the regions
+that such labels would teach."""
 PAPER = "paper"
 _NAMES_IN_FILES = {"predicted": "foreseen"}
-"""Of those members of a `Row` whose name in a file is another one."""
+"""Members of a `Row` that have another name in files."""
 _FIELDS = {name: field for field, name in _NAMES_IN_FILES.items()}
 _SESSION_REGIONS = 20
-"""A session asks its detector for so many; the first of them count."""
+"""The number of regions that a session asks its detector for; the first of them are scanned."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Target:
 
     @property
     def name(self) -> str:
-        """What tells it from all others."""
+        """The target's unique name."""
         return f"{self.path.stem} {self.thing} {self.view}" if self.thing else f"{self.path.stem} {self.view}"
 
 
@@ -91,7 +91,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Row:
-    """What came of a job.
+    """The result of a job.
 
     Attributes:
         rectangles: in the scene's pixels, the best first.
@@ -100,7 +100,7 @@ class Row:
         initial: m, (offsets,): without a scan.
         predicted: m, (r,): what the registrar predicted; of CANDIDATES under a finger only, else empty.
         pathless: rectangles that cannot be scanned: their errors are the initial ones.
-        problem: why there is nothing else, else empty.
+        problem: why there are no results, else empty.
     """
 
     target: str
@@ -125,7 +125,7 @@ class Row:
 
     @property
     def made(self) -> tuple[int, int]:
-        """Rows of one table agree in this."""
+        """What the rows of one table have in common."""
         return self.offsets, self.seed
 
     @classmethod
@@ -137,7 +137,7 @@ class Row:
 
 
 def run_job(job: Job) -> Row:
-    """Makes the job; an error of pretouch's own is part of the answer."""
+    """Runs the job; an error of pretouch's own becomes the row's `problem`."""
     about: dict[str, Any] = {
         **{"target": job.target.name, "object": job.target.object, "view": job.target.view},
         **{"setup": job.setup, "subject": job.subject, "count": job.count, "offsets": job.offsets, "seed": job.seed},
@@ -150,7 +150,7 @@ def run_job(job: Job) -> Row:
 
 
 def prepare(setups: Sequence[str]) -> None:
-    """Compiles and loads what the first job would else wait for."""
+    """Compiles and loads in advance what the first job needs."""
     view = view_of(case_of("warm-up", box(), 0, generator("warm-up")))
     v, u = np.argwhere(view.scene.mask).mean(axis=0)
     rectangles = [RotatedRectangle(u, v, 30, 30, 0)]
@@ -160,7 +160,7 @@ def prepare(setups: Sequence[str]) -> None:
 
 @lru_cache(maxsize=6)
 def load_view(target: Target, seed: int) -> LabelView:
-    """The target as a session sees it, beside its world.
+    """The target as a session sees it, with its world.
 
     Raises:
         PretouchError: it cannot be read, or is not seen.

@@ -1,4 +1,4 @@
-"""What the rows of one setup come to: by object and proposer, and against the oracle."""
+"""Statistics of the rows of one setup: by object and proposer, and relative to the oracle."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Overall:
         best_on: objects on which no other proposer's mean is lower.
         given: rectangles a view.
         pathless: share of the rectangles that cannot be scanned.
-        gap, gap_hindsight: share of the gain from chance to the oracle that it takes, and to the one with hindsight;
+        gap, gap_hindsight: share of the gain from chance to the oracle that it achieves, and to the one with hindsight;
             NaN without candidates.
     """
 
@@ -62,7 +62,7 @@ class Overall:
 
 @dataclass(frozen=True)
 class Ends:
-    """Both ends of the gain, and what the registrar's own choice takes of it; m, means over `targets` views."""
+    """Chance and oracle, and the registrar's own choice between them; m, means over `targets` views."""
 
     targets: int
     chance: float
@@ -147,7 +147,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _gaps(rows: Sequence[Row], given: Sequence[Row]) -> tuple[float, float]:
-    """The share of the gain that the proposer of the rows `given` takes where there are candidates too."""
+    """The share of the gain that the proposer of the rows `given` achieves, on targets with candidates."""
     targets = {row.target for row in given}
     between = ends([row for row in rows if row.target in targets])
     if between is None:

@@ -49,7 +49,7 @@ from pretouch.trajectory import Trajectory
 STAGES = (0, 1, 2)
 """Scans made before the candidates are compared."""
 TIMED = 20
-"""Candidates in a call whose time is taken."""
+"""Candidates in a call that is timed."""
 BEST = 3
 
 
@@ -143,7 +143,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def views_of(folder: Path, split: Split, candidates: int, seed: int) -> Iterable[View]:
-    """Views of the split's meshes in an order fixed by their names, those left out that have too few candidates."""
+    """Views of the split's meshes in an order fixed by their names, without those with too few candidates."""
     for path in meshes_in(folder, split=split):
         view = view_of(make_case(path.stem, load_mesh(path), 0, seed), candidates)
         if view is not None:
@@ -186,7 +186,7 @@ def compare(view: View, stage: int, offsets: int, seed: int) -> Comparison:
 
 
 def _time_prediction(session: Session, paths: Sequence[Trajectory]) -> float:
-    """ms of a prediction for TIMED candidates, its scans registered before."""
+    """ms of a prediction for TIMED candidates, without the registration of the earlier scans."""
     many = [paths[k % len(paths)] for k in range(TIMED)]
     started = time.perf_counter()
     session.registrar.predict(session.view.scene, session.scans, Settings(), many)
@@ -195,7 +195,7 @@ def _time_prediction(session: Session, paths: Sequence[Trajectory]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """One hidden offset: the object lies where `truth` moves it from where the camera puts it."""
+    """A session under one hidden offset: `truth` maps the object from where the camera puts it to where it is."""
 
     view: View
     truth: Pose
@@ -216,7 +216,7 @@ class Session:
         return [path for path in planned if path is not None]
 
     def scan(self, path: Trajectory, *name: object) -> Session:
-        """The session once `path` is scanned, its noise fixed by the session's names and `name`."""
+        """The session after a scan of `path`, whose noise is seeded by the session's names and `name`."""
         names = (*self.names, *name)
         scan = self.view.seen.scan(self.truth, path, ThinBeam(), generator(*names))
         scans = (*self.scans, scan)
@@ -224,7 +224,7 @@ class Session:
         return replace(self, scans=scans, estimate=estimate, names=names)
 
     def scan_each(self, paths: Sequence[Trajectory]) -> list[float]:
-        """m: the error after each path, were it scanned next."""
+        """m: the error after a scan of each path, each as the next one."""
         after = [self.scan(path, "candidate", k) for k, path in enumerate(paths)]
         return [session.error(session.estimate) for session in after]
 

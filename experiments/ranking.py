@@ -28,14 +28,14 @@ from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 
 LEAST = 5
-"""Scanned rectangles that a view must have to count."""
+"""The least number of scanned rectangles of a view that counts."""
 REGISTRAR = "registrar"
 Ranking = Callable[[Example], Array]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one ranking in one view.
+    """The outcome of one ranking in one view.
 
     Attributes:
         registrar, achieved: Spearman's correlation of the predicted errors with the registrar's, and with the trials.
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def rankings() -> dict[str, Ranking]:
-    """Those that are ready."""
+    """The rankings that are ready."""
     ready: dict[str, Ranking] = {
         REGISTRAR: lambda example: example.predicted,
         "stability": lambda example: remaining_error(example.scene, example.sensor, example.rectangles)[0],
@@ -107,7 +107,7 @@ def report(dataset: Dataset, side: str) -> str:
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Spearman's, of what is finite; 0 where one of the two is the same throughout: it ranks nothing."""
+    """Spearman's rank correlation of the finite values; 0 if one of the two is constant."""
     both = np.isfinite(a) & np.isfinite(b)
     if both.sum() < 2 or np.ptp(a[both]) == 0 or np.ptp(b[both]) == 0:
         return 0.0

@@ -1,12 +1,12 @@
-"""What the registrar is worth: its engines side by side, whether their uncertainty is honest, and where it fails.
+"""The registrar's engines compared: their errors, whether their uncertainty is honest, and where they fail.
 
     python -m experiments.registration [--meshes DIR] [--split validation] [--limit 40] [--analogues DIR] [--views 4]
         [--scans 5] [--engines paper ...] [--sensors ideal vl6180x] [--shared-scans] [--out docs/results]
 
 The protocol of `pretouch evaluate`, proposer `random`, on two folders: the validation side of the training meshes and
 the analogues of the paper's Table 1. Parameters are chosen on the other side, `train`. Writes registration.md,
-registration.json and pictures. A run that was stopped goes on when it is started again; what is done by then lies
-beside the results. DIRs are data/meshes/train and data/meshes/table1 of PRETOUCH_SHARED unless given.
+registration.json and pictures. A run that was stopped goes on when it is started again; finished runs lie beside
+the results. DIRs are data/meshes/train and data/meshes/table1 of PRETOUCH_SHARED unless given.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ from pretouch.session import Planner, Proposer
 
 ENGINES = [*(engine for engine in Engine if engine is not Engine.POSTERIOR), Engine.POSTERIOR]
 SCANS_TOLD, SCANS_DRAWN, SCANS_FAILED = (0, 1, 2, 3, 5), (1, 2, 4), (1, 3)
-"""After how many scans: lines of the tables; lines of the pictures; worst runs."""
+"""Numbers of scans after which the tables, the pictures and the worst runs are evaluated."""
 WORST = 5
 SENSORS = (FingerModel.IDEAL, FingerModel.VL6180X)
 PEER = "point_to_plane"
-"""The engine that the last one is compared with by object."""
+"""The engine with which the last one is compared by object."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def _introduction(arguments: argparse.Namespace) -> str:
 
 
 def _write_results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> tuple[str, dict[str, Any]]:
-    """The part's section of the report, its pictures written, and its content for programs."""
+    """Writes the part's pictures; its section of the report, and its content for programs."""
     told = [scan for scan in SCANS_TOLD if scan <= protocol.scans]
     drawn = [scan for scan in SCANS_DRAWN if scan <= protocol.scans]
     engines = list(dict.fromkeys(setup.engine for setup in by_setup(runs)))
@@ -183,7 +183,7 @@ def _reliability(runs: Sequence[Run], scans: Sequence[int]) -> list[dict[str, An
 
 
 def _picture_failures(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> list[str]:
-    """Pictures of the worst runs, made once more for it, and their reasons."""
+    """Draws the worst runs, which are repeated for it, with their likely causes."""
     lines = ["### The worst runs\n"]
     paths = {path.stem: path for path, _ in part.tasks}
     for sensor in dict.fromkeys(run.sensor for run in runs):

@@ -1,4 +1,4 @@
-"""How often a broken fingertip is noticed within its first scans, and a sound one doubted.
+"""How often a broken fingertip is detected within its first scans, and how often a sound one raises a false alarm.
 
     python -m experiments.sensor_faults [--meshes DIR] [--limit 20] [--seed 0] [--out docs/results]
 

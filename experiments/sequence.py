@@ -1,4 +1,4 @@
-"""Error against the share of the object scanned: the paper's Figs. 5 and 6, and the same with scans planned otherwise.
+"""Error against the share of the object scanned: the paper's Figs. 5 and 6, also for other planners.
 
     python -m experiments.sequence [--meshes DIR] [--proposers random narf stability deep] [--views 1] [--scans 6]
         [--planners confidence information] [--sensor ideal|vl6180x|cone|random] [--pictures 3] [--out docs/results]
@@ -40,7 +40,7 @@ from pretouch.session import Planner, Proposer
 
 _SHARES = (0.05, 0.10, 0.15, 0.20, 0.30)
 _SECONDS_A_SCAN = 1.2
-"""Of one core, match and forecast of the next."""
+"""s of one core for registering a scan and predicting the next one."""
 
 
 def main() -> None:
@@ -125,7 +125,7 @@ def _run_sessions(
 def _run_pictured_sessions(
     arguments: argparse.Namespace, proposer: Proposer, paths: Sequence[Path]
 ) -> list[tuple[str, Case, list[Step]]]:
-    """Sessions on the first meshes once more, to be drawn."""
+    """Repeats sessions on the first meshes, to be drawn."""
     protocol = protocol_of(proposer, Planner.CONFIDENCE, arguments.scans, arguments.sensor, arguments.seed)
     sessions = []
     for path in track(paths[: arguments.pictures], "pictures", console=Console(stderr=True)):

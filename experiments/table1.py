@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Makes what is asked for and writes everything into `arguments.out`."""
+    """Runs the jobs and writes everything into `arguments.out`."""
     if min(arguments.views, arguments.offsets) < 1 or arguments.candidates < 0:
         raise InvalidInput("There is nothing to scan.", "Give at least one view and one offset.")
     proposers, missing = split_by_readiness(arguments.proposers)
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def jobs_for(arguments: argparse.Namespace, proposers: Sequence[Proposer]) -> list[Job]:
-    """A view's jobs come together: a worker keeps the last few views."""
+    """The jobs, those of a view together, since a worker caches the last few views."""
     jobs = []
     for view in range(arguments.views):
         for path in meshes_in(arguments.meshes, limit=arguments.limit, split=arguments.split):
@@ -107,9 +107,9 @@ def _setups(settings: Sequence[str], sensors: Sequence[FingerModel]) -> list[str
 
 
 def read_fitting_rows(path: Path, rows: Sequence[Row], jobs: Sequence[Job]) -> tuple[list[Row], list[str]]:
-    """The rows of an earlier run that fit beside the new ones, and its commands; neither if none fit.
+    """Reads the rows of an earlier run that fit beside the new ones, and its commands; neither if none fit.
 
-    Those on other objects do not, nor do those that were made anew, with other offsets, or on other views than these.
+    Rows on other objects do not fit, nor do rows that were repeated, or have other offsets or other views.
 
     Raises:
         Malformed: the earlier run's file cannot be read.

@@ -1,11 +1,11 @@
-"""What carries over to real depth frames, on which nothing was trained or tuned.
+"""Proposers on real depth frames, on which nothing was trained or tuned.
 
     python -m experiments.transfer [--frames DIR] [--scenes DIR] [--proposers random narf stability deep] [--offsets 4]
         [--settings real paper] [--sensor ideal|vl6180x|cone|random] [--candidates 0] [--sheet 12] [--out docs/results]
 
 With ground truth (`--frames`, data/real_depth/ycb_video of PRETOUCH_SHARED unless given): the first and the last frame
 of each video, every object with more than 1000 pixels of depth; each of a proposer's first ten rectangles is scanned
-alone, as by table1.py. Without (`--scenes`, data/real_depth/mosd_kinect_v1): proposals only, a contact sheet for each
+alone, as by table1. Without (`--scenes`, data/real_depth/mosd_kinect_v1): proposals only, a contact sheet for each
 proposer. Writes transfer.md, transfer.json, transfer.png and transfer-<proposer>.png. A run that was stopped goes on
 when it is started again.
 """
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Makes what is asked for and writes everything into `arguments.out`."""
+    """Runs the jobs and writes everything into `arguments.out`."""
     if arguments.offsets < 1 or arguments.sheet < 1:
         raise InvalidInput("There is nothing to show.", "Give at least one offset and one view.")
     proposers, missing = split_by_readiness(arguments.proposers)
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def frames_of(folder: Path) -> list[Path]:
-    """The first and the last frame of each video, whose name is what comes before `_`: between, views hardly differ.
+    """The first and the last frame of each video, named by what comes before `_`: the views between hardly differ.
 
     Raises:
         NotFound: there are none.
@@ -112,7 +112,7 @@ def _jobs(arguments: argparse.Namespace, proposers: Sequence[Proposer]) -> list[
 
 
 def _save_sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missing: dict[str, str]) -> list[str]:
-    """The contact sheets written, and the section that shows them."""
+    """Writes the contact sheets; the section that shows them."""
     views = _load_views(arguments.scenes, arguments.sheet)
     text = [
         "## Proposals on real scenes without ground truth\n",
@@ -139,7 +139,7 @@ def _save_sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], m
 
 
 def _load_views(folder: Path, count: int) -> list[tuple[FrameTask, Scene]]:
-    """One object each of `count` frames, in an order fixed by the names; those that show none are passed over."""
+    """One object each of `count` frames, in an order fixed by the names; frames without an object are skipped."""
     tasks = sorted(frame_tasks(folder), key=lambda task: (mixing_key(task.file.stem), mixing_key(task.name)))
     found: list[tuple[FrameTask, Scene]] = []
     for _, group in groupby(tasks, key=lambda task: task.file):

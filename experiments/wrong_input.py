@@ -1,9 +1,9 @@
-"""What sessions say whose client describes the finger wrongly, or whose mask or depth image is wrong.
+"""Sessions whose client describes the finger wrongly, or whose mask or depth image is wrong.
 
     python -m experiments.wrong_input [--meshes DIR] [--limit 20] [--seed 0] [--camera random] [--out docs/results]
 
 Writes wrong-input.md. DIR is data/meshes/train of PRETOUCH_SHARED unless given; its side for reporting. A session has
-the default budget and tolerance; the tip is planned low, so that the finger sees something.
+the default budget and tolerance; the tip is planned low, so that the finger gets returns.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ Hand = Callable[[Finger], Finger]
 
 
 class Mistake(NamedTuple):
-    """What is wrong in a session with fingertip `model`."""
+    """A mistake in a session with fingertip `model`."""
 
     name: str
     model: FingerModel = FingerModel.IDEAL
@@ -60,7 +60,7 @@ class Mistake(NamedTuple):
 
 @dataclass(frozen=True)
 class Misdescribed:
-    """A `Finger` that states another sensor than it is."""
+    """A `Finger` that is described as another sensor."""
 
     finger: Finger
     sensor: Sensor
@@ -71,7 +71,7 @@ class Misdescribed:
 
 
 def misdescribed(std: float = 1.0, cone: float = 1.0) -> Hand:
-    """States the standard deviation and the half angle times these factors."""
+    """Describes the finger with its standard deviation and half angle multiplied by these factors."""
 
     def stated(finger: Finger) -> Finger:
         sensor = finger.sensor
@@ -125,7 +125,7 @@ def glass(share: float) -> Image:
 
 
 def with_depth(case: Case, metres: Array) -> Case:
-    """The case with another image (h, w), m; the mask stays where there is a depth, as a client's does."""
+    """The case with another image (h, w), m; the mask keeps only pixels with depth, as a client's does."""
     return replace(case, depth=DepthImage(metres.astype(np.float32)), mask=case.mask & (metres > 0))
 
 
@@ -152,7 +152,7 @@ MISTAKES = (
 
 
 class Ending(NamedTuple):
-    """Of a session: the error before and at the end, m, whether its 95 % region holds the truth, and what it said."""
+    """The end of a session: errors, m, whether its 95 % region holds the truth, and its state or reason."""
 
     initial: float
     error: float
@@ -162,7 +162,7 @@ class Ending(NamedTuple):
 
 
 def run_session_with(case: Case, mistake: Mistake, protocol: Protocol, registrar: Registrar) -> Ending | str:
-    """How the session ends; the error's title where there is none."""
+    """Runs a session with the mistake; how it ends, or the error's title if it is refused."""
     protocol = replace(protocol, sensor=mistake.model)
     finger = mistake.hand(finger_of(case, protocol))
     initial = case.error(Pose.identity())

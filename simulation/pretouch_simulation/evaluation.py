@@ -1,4 +1,4 @@
-"""The runs of one task: sessions through the code of the services, judged after every scan."""
+"""The runs of one task: sessions through the code of the services, evaluated after every scan."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.scanning import scan_along
 
 
-@dataclass(frozen=True, eq=False, repr=False)  # asyncio.run spells out what it returns, arrays too: seconds a run
+@dataclass(frozen=True, eq=False, repr=False)  # asyncio.run formats its result; with arrays that takes seconds
 class Step:
-    """A session after one of its scans, and the seconds that it took to get there from the scan's samples."""
+    """A session after one of its scans, and the seconds of computing from the scan's samples to this state."""
 
     record: Record
     seconds: float
@@ -43,7 +43,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A task as it is judged.
+    """A task as it is evaluated.
 
     Attributes:
         fitted: the case with the truth that `error_fitted` is measured from; None for a simulated view.
@@ -61,13 +61,13 @@ class Subject:
 
 
 def key_of(task: Task, protocol: Protocol) -> RunKey:
-    """Of the run that the protocol makes of the task."""
+    """The key of the protocol's run of the task."""
     engine, sensor = protocol.engine.value, protocol.sensor.value
     return RunKey(task.mesh, task.view, engine, sensor, task.camera(protocol.camera), task.frame)
 
 
 def run_task(task: Task, protocols: Sequence[Protocol]) -> list[Run]:
-    """A run by each of the protocols, those with one camera on the same images; they may differ in engine and sensor.
+    """Runs the task by each of the protocols; those with the same camera share images.
 
     The seeds are fixed by the task and the protocol's seed. An error of pretouch's own is part of the result; any other
     is raised.
@@ -117,12 +117,12 @@ def warm_up(protocols: Sequence[Protocol]) -> None:
     """Compiles and loads whatever a run needs, so that `compute_ms` does not count it."""
     case, registrar = make_case("warm-up", box(), 0), Registrar()
     for protocol in protocols:
-        with suppress(PretouchError):  # a proposer that is not ready is said of every run
+        with suppress(PretouchError):  # a proposer that is not ready is reported for every run
             asyncio.run(run_session(case, replace(protocol, scans=1), registrar))
 
 
 def run_steps(case: Case, protocol: Protocol, upto: int) -> list[Step]:
-    """The session on `case` that the protocol's rows are made of, after each of its first `upto` scans at most."""
+    """Runs the protocol's session on `case`; its states after each of up to `upto` scans."""
     registrar = Registrar()
     led = replace(protocol, engine=protocol.leader or protocol.engine)
     steps = asyncio.run(run_session(case, led, registrar, upto))
@@ -132,7 +132,7 @@ def run_steps(case: Case, protocol: Protocol, upto: int) -> list[Step]:
 def _run_or_reuse_steps(
     case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar
 ) -> list[Step]:
-    """The protocol's session on `case`; `led` keeps the leader's ones, by sensor."""
+    """The protocol's session on `case`; `led` caches the leader's sessions, by sensor."""
     if protocol.leader is None:
         return asyncio.run(run_session(case, protocol, registrar))
     if protocol.sensor not in led:
@@ -143,7 +143,7 @@ def _run_or_reuse_steps(
 async def run_session(
     case: Case, protocol: Protocol, registrar: Registrar, upto: int | None = None, finger: Finger | None = None
 ) -> list[Step]:
-    """A session on `case` after each of its first `upto` scans at most, by `finger` instead of the protocol's own.
+    """Runs a session on `case`; its states after each of up to `upto` scans. `finger` replaces the protocol's own.
 
     Raises:
         PretouchError: the services refuse it.
@@ -168,7 +168,7 @@ async def run_session(
 
 
 def _rematch(step: Step, protocol: Protocol, registrar: Registrar) -> Step:
-    """The leader's scans matched by the protocol's engine, the time being the match's alone; its own as they are."""
+    """Matches the leader's scans by the protocol's engine and times the match alone; the leader's own steps stay."""
     if protocol.leader in (None, protocol.engine):
         return step
     record = step.record

@@ -1,4 +1,4 @@
-"""Many runs at once in worker processes, kept as they come so that an interrupted evaluation can go on."""
+"""Runs in worker processes, saved as they finish so that an interrupted evaluation can be resumed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _VARIED = ("engine", "sensor", "camera")
 
 
 class PartialResults:
-    """Runs that are done, one JSON line each, beside the file that the evaluation will write.
+    """Finished runs, one JSON line each, beside the file that the evaluation will write.
 
     Runs of other engines, sensors and cameras may be added to those of an earlier evaluation.
 
@@ -27,7 +27,7 @@ class PartialResults:
         option: of the command line, that names it.
 
     Raises:
-        Conflict: the file was left by an evaluation of something else.
+        Conflict: the file was left by an evaluation with other settings.
     """
 
     def __init__(self, out: Path, protocol: Protocol, option: str = "--json") -> None:

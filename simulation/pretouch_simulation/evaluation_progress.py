@@ -1,4 +1,4 @@
-"""An evaluation as a person at a terminal sees it."""
+"""An evaluation with a progress bar at a terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an evaluation keeps fixed, and the parts of a session that follow from it."""
+"""The settings of an evaluation, and the parts of a session that follow from them."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ NEVER_CONVERGED = 1e-6
 
 @dataclass(frozen=True)
 class Protocol:
-    """What is evaluated; two runs with equal ones give equal rows, but for `compute_ms`.
+    """The settings; two runs with equal settings give equal rows, apart from `compute_ms`.
 
     Attributes:
         scans, seconds, fraction: the budget; left out, only the number of scans counts.
         proposer: None lets the detector choose.
         tolerance: m; a session that reaches it stops.
         paper_setting: the paper's own way of testing, see `paper_setting.py`.
-        leader: the engine by whose estimates the scans are planned, so that all engines are given the same ones;
-            None: the whole loop runs on `engine`.
+        leader: the engine whose estimates the scans are planned by, so that all engines match the same scans; None:
+            the whole loop runs on `engine`.
         camera: of views of meshes.
-        tip: how low it is planned.
+        tip: how low the fingertip is planned.
     """
 
     scans: int
@@ -50,9 +50,9 @@ class Protocol:
 
 
 def adapt_to_frames(protocol: Protocol, tolerance: float | None) -> Protocol:
-    """The same for real frames: a session's default budgets, and its default tolerance unless another one, m, is given.
+    """The protocol for real frames: default budgets, and the default tolerance unless `tolerance`, m, is given.
 
-    What is random is fixed by the tasks, so that a row does not depend on which other seeds were asked for.
+    Random numbers are seeded by the tasks alone, so that a row does not depend on the other seeds of the evaluation.
     """
     budget = Budget()
     return replace(

@@ -1,4 +1,4 @@
-"""What an evaluation found, in tables for a terminal and for Markdown: by scan, by object, honesty and convergence."""
+"""Tables of an evaluation, for a terminal and for Markdown: by scan, by object, honesty and convergence."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Table:
 
 
 def by_scan(runs: Sequence[Run], scans: Sequence[int]) -> Table:
-    """A line for each setup and number of scans, engines under each other; 0 scans is the error before.
+    """A line for each setup and number of scans, the engines below each other; 0 scans is the error before any.
 
     A run that stopped counts with its last state in later lines; `made` is how many made the scan, and their time is
     what `ms` counts.
@@ -97,7 +97,7 @@ def honesty_table(runs: Sequence[Run], scans: Sequence[int]) -> Table:
 
 
 def convergence_table(runs: Sequence[Run], tolerance: float) -> Table:
-    """A line for each setup: which share converged, which of those was within `tolerance`, m, and after how long."""
+    """A line for each setup: the share that converged, the share of those within `tolerance`, m, and the time taken."""
     told = _varied(runs)
     lines = [
         (
@@ -113,13 +113,13 @@ def convergence_table(runs: Sequence[Run], tolerance: float) -> Table:
 
 
 def _varied(runs: Sequence[Run]) -> tuple[str, ...]:
-    """What of the setup differs between the runs, and is told."""
+    """The members of the setup that differ between the runs, and are therefore shown."""
     setups = list(by_setup(runs))
     return tuple(name for name in ("camera", "sensor", "engine") if len({getattr(one, name) for one in setups}) > 1)
 
 
 def _side_by_side(found: Sequence[Judged]) -> list[Judged]:
-    """By camera and sensor, then scan, then engine; what was before the first scan, once for all engines."""
+    """By camera and sensor, then scan, then engine; the state before the first scan once for all engines."""
     worlds = dict.fromkeys(one.setup.world for one in found)
     scans = sorted({one.scan for one in found})
     lines: list[Judged] = []

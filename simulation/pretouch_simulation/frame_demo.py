@@ -21,7 +21,7 @@ _TIMEOUT = 60.0
 
 @dataclass(frozen=True)
 class Result:
-    """What a session came to; metres, and `seconds` of the robot's time; `end` says the state, and why."""
+    """The result of a session; metres, and `seconds` of the robot's time; `end` is the state with its reason."""
 
     initial_error: float
     final_error: float
@@ -33,7 +33,7 @@ class Result:
     end: str
 
     def as_dict(self) -> dict[str, Any]:
-        """What programs read: all but the sentence on the end."""
+        """For programs: all but `end`."""
         return {name: value for name, value in asdict(self).items() if name != "end"}
 
 

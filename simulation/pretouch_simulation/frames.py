@@ -27,7 +27,7 @@ from pretouch_simulation.world import Body, World
 
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy", "depth_unit_m", "files")
 _MARGIN = 3
-"""px around labelled objects that do not count as table: depth and labels do not fit exactly."""
+"""px around labelled objects that do not count as table, because depth and labels are misaligned."""
 
 
 @dataclass(frozen=True, eq=False)

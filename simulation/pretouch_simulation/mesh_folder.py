@@ -1,4 +1,4 @@
-"""Which meshes of a folder are meant."""
+"""The meshes of a folder that an option selects."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def meshes_in(
     """The mesh files of `folder`, in the order of their names; with `split`, in one that mixes the sources.
 
     Args:
-        only: stems of the files that are meant; empty: all.
+        only: stems of the files to take; empty: all.
         limit: how many at most, the first ones.
         split: only this side of the folder: parameters are chosen on `train` and reported on `validation`.
 
     Raises:
         NotFound: no such folder, no mesh in it, none of a name in `only`, or none on this side.
-        InvalidInput: two files of the same stem, which is what a mesh is called.
+        InvalidInput: two files of the same stem, which is a mesh's name.
     """
     if not folder.is_dir():
         raise NotFound(f"There is no folder {folder}.", "Give a folder of PLY, OBJ or STL files in metres.")

@@ -1,4 +1,4 @@
-"""The evaluation protocol: an object on a table, a camera whose extrinsics are wrong, and how an answer is scored."""
+"""The evaluation protocol: an object on a table, a camera whose extrinsics are wrong, and how an estimate is scored."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ KINECT = Kinect()
 
 
 def generator(*names: object) -> np.random.Generator:
-    """A random generator fixed by the names, the same on every machine and in every process."""
+    """A random generator seeded by the names, the same on every machine and in every process."""
     digest = hashlib.blake2b("\x1f".join(str(name) for name in names).encode(), digest_size=16).digest()
     return np.random.default_rng(int.from_bytes(digest, "little"))
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One view of one object, with what only the judge knows.
+    """One view of one object, together with the truth.
 
     Attributes:
         name, view: which mesh, which of its views.
-        depth, camera, base_T_camera: what a client has; the extrinsics are wrong.
+        depth, camera, base_T_camera: the client's; the extrinsics are wrong.
         mask: (h, w) bool, the client's: where it takes the object to be and there is a depth.
         world: what the finger meets, at its true place in base.
         truth: the right `base_T_correction`.
@@ -71,7 +71,7 @@ class Case:
         return float(np.linalg.norm(self.truth.apply(cloud) - base_T_correction.apply(cloud), axis=1).mean())
 
     def deviation(self, estimate: Estimate) -> Array:
-        """(6,): the error that `estimate.covariance` speaks of, (rotation vector, translation), rad and m."""
+        """(6,): the pose error in the order of `estimate.covariance`, (rotation vector, translation), rad and m."""
         turn = vector_from_rotation(self.truth.rotation @ estimate.base_T_correction.rotation.T)
         shift = self.truth.apply(estimate.centroid) - estimate.base_T_correction.apply(estimate.centroid)
         return np.concatenate([turn, shift])
@@ -83,7 +83,7 @@ class Case:
 
 
 def draw_hidden_offset(true_cloud: Array, rng: np.random.Generator) -> Pose:
-    """The calibration error D: `base_T_correction` as it should be found.
+    """The calibration error D, which is the true `base_T_correction`.
 
     Args:
         true_cloud: (n, 3), m, the object's points at their true place in base.

@@ -34,7 +34,7 @@ Measure = Callable[[Array], tuple[Array, NDArray[np.int64]]]
 """Tip poses (n, 4, 4) in base to ranges (n,), m, NaN = none, and status codes (n,)."""
 
 POSE_RATE = 50.0
-"""Tip poses per second that the robot tells the gateway at least."""
+"""The least rate, per second, at which the robot sends tip poses to the gateway."""
 _LEAD = 0.1  # s from announcing a motion to its start
 _PATIENCE = 20.0  # s that the gateway may take beyond the motion itself, and to find its device
 
@@ -64,7 +64,7 @@ class DirectRobot:
 
 
 class Finger(Protocol):
-    """The far end of the serial line, which must know where the robot holds it: a `FingerProcess`."""
+    """The simulated device at the end of the serial line, which must know its pose: a `FingerProcess`."""
 
     def play(self, trajectory: Trajectory, start: float | None = None) -> None: ...
 
@@ -75,7 +75,7 @@ class GatewayRobot:
     Use it in a `with` block; entering waits until the gateway hears the finger.
 
     Args:
-        finger: told beforehand how the robot will move.
+        finger: is told each motion in advance.
         gateway: `host:port` of the sensor gateway.
         device: the finger's name there; empty: the only one.
         pace: how many times as fast as planned it moves.
@@ -114,12 +114,12 @@ class GatewayRobot:
         self._channel.close()
 
     def scan(self, plan: ScanPlan) -> RangeSamples:
-        """Makes the planned scan and answers the samples that the gateway fused, in s since the Unix epoch."""
+        """Makes the planned scan and returns the samples that the gateway fused, in s since the Unix epoch."""
         samples, _ = self._play(plan)
         return samples
 
     def scan_to_gateway(self, plan: ScanPlan) -> GatewaySpan:
-        """Makes the planned scan and answers when it was: the gateway keeps the samples."""
+        """Makes the planned scan and returns its time span; the gateway keeps the samples."""
         _, span = self._play(plan)
         return span
 

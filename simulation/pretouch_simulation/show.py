@@ -1,4 +1,4 @@
-"""The demo itself: a drill over REST, then a mug over gRPC, a finger on a serial line for each, and what came of it."""
+"""The demo: a drill over REST, then a mug over gRPC, each with a finger on a serial line; then picture and report."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PACE = 8.0
 """How many times as fast as planned the simulated robot moves; its finger measures as much faster."""
 _TIMEOUT = 60.0
 _BUDGET = Budget(fraction=0.6)
-"""More than the default share of the object may be scanned: the demo is to show convergence."""
+"""A larger share of the object than the default may be scanned, so that the demo shows convergence."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def _send_samples(robot: GatewayRobot) -> Execute:
 
 
 def _name_spans(robot: GatewayRobot, gateway: str) -> Execute:
-    """The robot only says when it scanned; the orchestrator asks the gateway, and so does the demo for its picture."""
+    """The robot submits only the time of the scan; the orchestrator, and the demo for its picture, ask the gateway."""
 
     def execute(plan: ScanPlan) -> tuple[Submission, RangeSamples]:
         span = robot.scan_to_gateway(plan)

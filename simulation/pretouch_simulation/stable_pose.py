@@ -16,16 +16,17 @@ _SLACK = 0.001
 _SAME_WAY = float(np.cos(np.radians(20.0)))
 """Cosine of the angle between two faces up to which resting on the one or the other is the same."""
 _MOST_VERTICES = 20_000
-"""Of a mesh that is looked at as it is; of a larger one, only the outermost."""
+"""A mesh with more vertices is reduced to its outermost ones."""
 _FINENESS = 15
-"""Of the directions in which vertices are outermost: there are about 3000."""
+"""Fineness of the directions in which vertices are outermost: there are about 3000."""
 
 
 def stand(mesh: Mesh) -> Mesh:
-    """The mesh on z = 0, centred on x = y = 0: as it is if it stands, else on the face of its hull it prefers.
+    """The mesh on z = 0, centred on x = y = 0: as it is if that is stable, else in its likeliest resting pose.
 
-    The mass is taken to fill the hull evenly. The preferred face is the one that holds the centre of mass above it
-    and looks largest from there, which is about how often a dropped object comes to rest on it.
+    The mass is assumed to fill the convex hull evenly. In the likeliest pose the mesh rests on the face of the hull
+    that supports the centre of mass and has the largest solid angle seen from it: that approximates the probability
+    that a dropped object comes to rest on the face.
 
     Raises:
         InvalidInput: the mesh is flat or a line.
@@ -42,9 +43,9 @@ def stand(mesh: Mesh) -> Mesh:
 
 
 def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
-    """The mesh in up to `most` ways in which it rests: as `stand` first, then by how often a drop ends so.
+    """The mesh in up to `most` resting poses: that of `stand` first, then the likeliest after a drop.
 
-    Ways that differ by a turn about the vertical alone, or by less than 20 degrees, are one.
+    Poses that differ by a turn about the vertical alone, or by less than 20 degrees, count once.
 
     Raises:
         InvalidInput: the mesh is flat or a line.
@@ -64,7 +65,7 @@ def _rest_on(mesh: Mesh, down: Array) -> Mesh:
 
 
 def _outermost(vertices: Array) -> Array:
-    """(k, 3) of the vertices (n, 3): all, or of very many the outermost one in each of some directions all around."""
+    """(k, 3) of the vertices (n, 3): all of them, or of very many the outermost in each of about 3000 directions."""
     if len(vertices) <= _MOST_VERTICES:
         return vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -76,7 +77,7 @@ def _outermost(vertices: Array) -> Array:
 
 
 def _resting_faces(vertices: Array, hull: ConvexHull, centre: Array) -> list[Array]:
-    """Unit directions (3,) of the hull's faces on which the mesh stands, the one that looks largest first."""
+    """Unit directions (3,) of the hull's faces on which the mesh stands, the largest solid angle first."""
     share: dict[tuple[float, ...], float] = {}
     faces: dict[tuple[float, ...], Array] = {}
     for simplex, equation in zip(hull.simplices, hull.equations, strict=True):

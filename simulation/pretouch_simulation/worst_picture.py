@@ -1,4 +1,4 @@
-"""The worst runs in a picture: where the finger looked, what it met, and where the object was put instead."""
+"""The worst runs in a picture: where the finger scanned, what it hit, and where the estimate puts the object."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MET = {Met.SEEN: "#1f1f1f", Met.HIDDEN: "#e7298a", Met.BLIND: "#984ea3", Met.TA
 _MARGIN = 45
 _MOST_POINTS = 1500
 _MISS_LENGTH = 0.02
-"""m of a miss's beam that is drawn."""
+"""m: the length drawn of a beam without a return."""
 _CM = 100.0
 
 
@@ -113,7 +113,7 @@ def _draw_view(
 
 
 def _misses(scan: Scan) -> Array:
-    """(n, 2, 3), m, in base: a piece of each beam without a return, which ends as far out as the others in the mean."""
+    """(n, 2, 3), m, in base: a piece of each beam without a return, ending at the mean range of the returns."""
     missed = ~scan.returned
     depth = float(np.median(scan.ranges[scan.returned])) if scan.returned.any() else _MISS_LENGTH
     ends = scan.origins[missed] + depth * scan.directions[missed]

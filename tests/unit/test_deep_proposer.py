@@ -11,7 +11,7 @@ from pretouch_detector.overlap import intersection_over_union
 from pretouch_detector.proposals import deep, propose
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.proposals.random import AREA, LOG_ASPECT, MIN_OVERLAP, draw_rectangles
-from pretouch_detector.spread import MAX_OVERLAP
+from pretouch_detector.suppression import MAX_OVERLAP
 from scenes import KINECT, Box, View, World, looking
 
 from pretouch.camera import Camera, DepthImage

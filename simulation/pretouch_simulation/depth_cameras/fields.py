@@ -7,7 +7,7 @@ import numpy as np
 from pretouch.geometry import Array
 
 _REACH = 3.0
-"""Standard deviations of the kernel at which a field begins outside the image."""
+"""How far outside the image the grid begins, in standard deviations of the kernel."""
 
 
 def smooth_field(rng: np.random.Generator, shape: tuple[int, int], scale: float) -> Array:

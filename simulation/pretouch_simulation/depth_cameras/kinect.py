@@ -1,6 +1,6 @@
-"""A depth camera of the first Kinect's kind: structured light, so its noise is that of a disparity.
+"""A depth camera like the first Kinect: structured light, so that noise acts on the disparity.
 
-The projector sits `BASELINE` to the right of the camera; what it does not light casts a shadow without depth. The
+The projector sits `BASELINE` to the right of the camera; what it does not light has no depth. The
 disparity is disturbed, quantised to 1/8 pixel and turned into depth.
 
 Sources: the noise of the depth and of edges, Nguyen, Izadi, Lovell, "Modeling Kinect Sensor Noise for Improved 3D
@@ -45,7 +45,7 @@ class Kinect:
     """The camera.
 
     Attributes:
-        noise: by how much the published noise, in depth and of edges, is multiplied.
+        noise: factor on the published noise, of the depth and of edges.
         window: px, of the correlation window that reaches into the shadow.
     """
 

@@ -29,7 +29,7 @@ from pretouch_simulation.depth_cameras.rendering import SHAPE, Rendering, Sight,
 from pretouch_simulation.world import World
 
 _LEAST_SEEN = 0.4
-"""Share of a window that must show something."""
+"""The least share of a window that must have depth."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Window:
 
     Attributes:
         size: its side.
-        edge: px of disparity between what is taken for two surfaces.
+        edge: px of disparity beyond which a step separates two surfaces.
         fattening: px by which the nearer surface reaches beyond its edge; negative: the other eats into it.
         raggedness: px, standard deviation of the same along an edge, from one blob of texture to the next.
         gap: px, median of the band along an edge, on the nearer side, without depth where the step is `full_step` or
@@ -85,8 +85,8 @@ class WindowCamera:
         baseline: m to the right of the camera, of the projector or the second imager.
         focal: px, of the image in which disparity is measured: the camera's own.
         range: m; there is no depth outside.
-        registration: px of the camera's own image, standard deviation along each axis of what the whole depth image
-            is moved by; drawn once an image.
+        registration: px of the camera's own image, standard deviation along each axis of the shift of the
+            whole depth image; drawn once an image.
     """
 
     baseline: float
@@ -170,5 +170,5 @@ def _mean(values: Array, size: int) -> Array:
 
 
 def _threshold(share: float) -> float:
-    """The value that a standard normal one exceeds with probability `share`."""
+    """The value that a standard normal variable exceeds with probability `share`."""
     return float(-ndtri(share)) if share > 0 else np.inf

@@ -15,7 +15,7 @@ from pretouch_simulation.depth_cameras.rendering import DepthCamera
 
 
 class CameraModel(StrEnum):
-    """Which depth camera looks."""
+    """Which depth camera is simulated."""
 
     KINECT = "kinect"
     WINDOW = "window"
@@ -24,7 +24,7 @@ class CameraModel(StrEnum):
 
 
 _OUTLINE = Outline(growth=0.8, shift=0.8, wander=1.2, scale=15.0)
-"""An assumption: no frame says how far a client's segmentation strays."""
+"""An assumption: no data tells how far a client's segmentation is off."""
 
 _XTION = WindowCamera(
     baseline=0.075,

@@ -1,4 +1,4 @@
-"""Broken fingertips: each states the sensor that it should be, and reports something else."""
+"""Broken fingertips: each is described as a sound sensor and reports something else."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Break = Callable[[Array, np.random.Generator], Array]
 
 @dataclass(frozen=True)
 class Broken:
-    """A `Finger` that reports what `fault` makes of what `finger` measured, whatever its status then."""
+    """A `Finger` that reports the measurements of `finger` as changed by `fault`, whatever their status was."""
 
     finger: Finger
     fault: Break
@@ -54,7 +54,7 @@ def noise(finger: Finger) -> Finger:
 
 
 def in_millimetres(finger: Finger) -> Finger:
-    """Reports millimetres where metres are due."""
+    """Reports millimetres instead of metres."""
     return Broken(finger, lambda ranges, _: 1000 * ranges)
 
 

@@ -1,7 +1,7 @@
-"""`random`: a fingertip that nobody has met before, drawn anew from the ranges stated here.
+"""`random`: a fingertip with parameters drawn from the ranges below.
 
-Its user knows what kind it is (beam or cone), the data sheet's half angle and noise, both somewhat wrong, and the least
-range, which anybody finds out who holds a hand before it.
+Its description has the right kind (beam or cone), the data sheet's half angle and noise, both somewhat wrong, and the
+least range, which is easily measured.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ THIN_SHARE = 0.25
 """Share of fingers with a thin beam."""
 STATED_HALF_ANGLE = (np.radians(5.0), np.radians(15.0))
 WIDTH = (0.8, 1.25)
-"""The true half angle over the stated one."""
+"""The true half angle over the described one."""
 MEAN_SHARE = 0.5
-"""Share of cones that read the mean; the others seek the first or the strongest peak."""
+"""Share of cones that report the mean; the others report the first or the strongest peak."""
 EVEN_SHARE = 0.25
-"""Share of cones whose near parts count no more than others."""
+"""Share of cones that weigh near and far parts alike."""
 NEARNESS = (0.003, 0.03)
 """m, of the others."""
 PULSE = (0.003, 0.01)
@@ -32,7 +32,7 @@ BORESIGHT = float(np.radians(3.0))
 NOISE = (0.0005, 0.003)
 """m."""
 MISSTATED = 1.5
-"""By this factor at most the stated standard deviation is off, either way."""
+"""The largest factor by which the described standard deviation is off, either way."""
 BIAS = 0.001
 """m, the greatest standard deviation between scans."""
 GAIN = 0.01
@@ -51,7 +51,7 @@ OUTLIERS = 0.02
 
 
 def draw_random(rng: np.random.Generator) -> ConeFinger:
-    """A finger; whatever `cone_finger` and `cone_response` know is drawn."""
+    """A finger; all parameters of `cone_finger` and `cone_response` are drawn."""
     response, stated_half_angle = _draw_response(rng)
     errors = _draw_errors(rng)
     sensor = Sensor(
@@ -64,7 +64,7 @@ def draw_random(rng: np.random.Generator) -> ConeFinger:
 
 
 def _draw_response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
-    """The response, and the half angle that its user states, rad."""
+    """The response, and the half angle of its description, rad."""
     off, about = BORESIGHT * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
     boresight = (float(off * np.cos(about)), float(off * np.sin(about)))
     if rng.uniform() < THIN_SHARE:

@@ -1,4 +1,4 @@
-"""Labels without humans: make a dataset of scored rectangles, and show what is in one."""
+"""`pretouch labels`: generates a dataset of scored rectangles, and shows one."""
 
 from __future__ import annotations
 

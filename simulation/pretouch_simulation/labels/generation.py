@@ -1,4 +1,4 @@
-"""Views labelled one after the other, by any number of workers, each in a file of its own."""
+"""Labels views, by any number of workers, each into a file of its own."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ class Recipe:
 
     Attributes:
         rectangles, trials: of each view, and of each rectangle.
-        scanned: rectangles of a view whose trials are made, of `SCANS`: half of them those that the registrar predicts
-            to be best, the others drawn from the rest.
-        best_only: only the winner's trials are all made, of `TRIALS`.
-        finger: of `SCANS`; another fingertip of the model for each view.
+        scanned: of `SCANS`: rectangles of a view that are scanned: half of them the best by the registrar's prediction,
+            the others drawn from the rest.
+        best_only: of `TRIALS`: complete only the winner's trials.
+        finger: of `SCANS`; each view has another fingertip of the model.
         camera: of views of meshes; frames have their own.
     """
 
@@ -82,11 +82,11 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one view.
+    """The outcome of one view.
 
     Attributes:
         problem: why it has no labels, and what to do about it; empty where it has.
-        defect: whether that is pretouch's fault.
+        defect: whether the problem is a defect of pretouch.
     """
 
     name: str
@@ -95,18 +95,18 @@ class Outcome:
 
 
 def try_to_label(task: ViewTask, recipe: Recipe, folder: Path) -> Outcome:
-    """`label` on one thread; what goes wrong is said in the outcome, so that other views go on."""
+    """`label` on one thread; an error becomes part of the outcome, so that other views go on."""
     try:
         label(task, recipe, folder)
     except PretouchError as error:
         return Outcome(task.name, f"{error.detail} {error.remedy}".strip())
-    except Exception as error:  # one odd mesh must not end the making of a thousand others
+    except Exception as error:  # one odd mesh must not stop the labelling of a thousand others
         return Outcome(task.name, f"{type(error).__name__}: {error}", defect=True)
     return Outcome(task.name)
 
 
 def label(task: ViewTask, recipe: Recipe, folder: Path, threads: int | None = 1) -> None:
-    """Makes the view and its labels, and writes their file.
+    """Renders the view, labels it, and writes its file.
 
     Raises:
         PretouchError: the object cannot be shown, or none of it can be scanned.

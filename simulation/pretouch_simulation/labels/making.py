@@ -1,4 +1,4 @@
-"""All views of a dataset that are not there yet, made by many processes on one machine or on a cluster."""
+"""Labels the missing views of a dataset, in processes on one machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from pretouch_simulation.workers import run_in_workers
 
 
 class Cluster(StrEnum):
-    """Where the work is done besides this machine."""
+    """The cluster that does the work instead of this machine."""
 
     RAY = "ray"
 
 
 def unlabelled(tasks: Sequence[ViewTask], dataset: Dataset) -> list[ViewTask]:
-    """Those that have no file yet."""
+    """The tasks that have no file yet."""
     return [task for task in tasks if not dataset.path(task.side, task.name).exists()]
 
 
@@ -51,7 +51,7 @@ def make(
     wanted = unlabelled(tasks, dataset)
     failed: dict[str, Outcome] = {}
     calls = [(task, recipe, dataset.folder) for task in wanted]
-    with closing(_label_all(calls, recipe, workers, cluster)) as outcomes:  # ended, it waits for views that were begun
+    with closing(_label_all(calls, recipe, workers, cluster)) as outcomes:  # closing waits for views in progress
         for outcome in outcomes:
             if outcome.problem:
                 failed[outcome.name] = outcome
@@ -75,7 +75,7 @@ def _label_all(
 
 
 def warm_up(recipe: Recipe) -> None:
-    """Compiles and loads what the first view would else wait for."""
+    """Compiles and loads in advance what the first view needs."""
     small = replace(recipe, rectangles=2, trials=1, scanned=min(recipe.scanned, 1))
     with tempfile.TemporaryDirectory() as folder, suppress(PretouchError):
         Dataset.create(Path(folder), {})

@@ -23,7 +23,7 @@ _COLUMNS = 8
 _MOST_CM = 4.0
 _SHARES = (0.0, 0.1, 0.3, 1.0)
 _DEPTH_MARGIN = 0.02
-"""m beyond the object's depths that colours tell apart."""
+"""m by which the colour scale reaches beyond the object's depths."""
 _CM = 100.0
 
 
@@ -66,7 +66,7 @@ def save_contact_sheet(dataset: Dataset, path: Path, rows: int = 6) -> list[str]
 
 
 def _chosen(dataset: Dataset) -> list[tuple[str, Path]]:
-    """Side and file; every object once before any again, as far as file names tell, in an order fixed by the names."""
+    """Side and file, in an order fixed by the names: every object comes once before any comes again."""
     files = [(side, file) for side in SIDES for file in dataset.paths(side)]
     seen: dict[str, int] = {}
     order = []

@@ -1,4 +1,4 @@
-"""One view to label: of which object, in which of its resting poses, seen from where."""
+"""A view to label: the object, its resting pose, and the camera's place."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pretouch_simulation.split import object_of, split_of
 from pretouch_simulation.stable_pose import resting_poses
 
 _POSES = 3
-"""Resting poses that are looked for; an object with fewer is shown in those it has again, from elsewhere."""
+"""Resting poses that are computed; an object with fewer repeats them, seen from other places."""
 
 
 class ViewTask(Protocol):
@@ -41,10 +41,10 @@ class ViewTask(Protocol):
         """Where the view comes from."""
 
     def scene(self, seed: int) -> tuple[Scene, tuple[int, int]]:
-        """What a session sees, and its first pixel (u0, v0); raises `PretouchError` where that is nothing."""
+        """What a session sees, and its first pixel (u0, v0); raises `PretouchError` if there is no object."""
 
     def load_view(self, seed: int) -> LabelView:
-        """The same beside the world that it was made of; raises `PretouchError` where there is none."""
+        """The view with its world; raises `PretouchError` if there is no world."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Task:
 
     Attributes:
         source: the mesh file, or the number.
-        pose: which of the object's resting poses; beyond the last they begin anew.
+        pose: which of the object's resting poses, modulo their number.
         view: which camera place and calibration error.
         camera: which depth camera looks.
     """
@@ -75,7 +75,7 @@ class Task:
 
     @property
     def object(self) -> str:
-        """Which decides the side: all that is made in code is trained on."""
+        """It decides the side; objects made in code are always on `train`."""
         return object_of(self.stem) if isinstance(self.source, Path) else self.stem
 
     @property
@@ -121,7 +121,7 @@ def tasks_of(
     views: int,
     camera: CameraModel = CameraModel.KINECT,
 ) -> list[Task]:
-    """All views: every object once before any is seen again, so that each beginning of the list is a fair share.
+    """All views, ordered so that every object comes once before any comes again: each prefix is a fair sample.
 
     Raises:
         InvalidInput: there is no object.

@@ -28,8 +28,8 @@ def remaining_variances(arms: Tensor, directions: Tensor) -> Tensor:
 
     Args:
         arms: (..., 1, p, 3), LENGTH, from the object's middle to where each beam ends.
-        directions: (..., k, p, 3), 1 / LENGTH, along which the k measurements of each beam constrain that place: unit vectors
-            divided by their standard deviations.
+        directions: (..., k, p, 3), 1 / LENGTH, along which the k measurements of each beam constrain that place: unit
+            vectors divided by their standard deviations.
     """
     a, d = arms, directions
     turns = torch.stack(

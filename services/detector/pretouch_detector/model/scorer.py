@@ -2,9 +2,9 @@
 
 The network corrects the `analytic` error that proposer `stability` computes. Features are sampled along the perimeter
 only, where the finger would go. A small network reads each point with its neighbours and answers along which
-directions, and how well, a beam there constrains the place of what it hits. The beams' information about the pose adds up as J^T J
-(Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003). From the posterior variances, features of
-the perimeter and features of the whole image a last network predicts the correction.
+directions, and how well, a beam there constrains the place of what it hits. The beams' information about the pose adds
+up as J^T J (Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003). From the posterior variances,
+features of the perimeter and features of the whole image a last network predicts the correction.
 """
 
 from __future__ import annotations

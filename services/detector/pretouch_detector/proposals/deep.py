@@ -18,7 +18,7 @@ from pretouch_detector.model.encoding import encode
 from pretouch_detector.model.weights import FOLDER, THREADS, Network, Weights
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.proposals.random import draw_rectangles
-from pretouch_detector.spread import suppress_overlapping
+from pretouch_detector.suppression import suppress_overlapping
 
 WEIGHTS = Weights(FOLDER)
 _MARGIN = 0.13

@@ -19,7 +19,6 @@ def mean_square(
 ) -> Array:  # fmt: skip
     """(n,): the mean over displacements of trace(lever^T C lever), C being the covariance after a scan of a path.
 
-
     Args:
         rows: (nx, ny, 6), see `information._rows`.
         independent: (n,), independent measurements that each beam of a path counts for.

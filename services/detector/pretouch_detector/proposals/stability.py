@@ -9,7 +9,7 @@ from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.proposals.random import draw_rectangles
-from pretouch_detector.spread import suppress_overlapping
+from pretouch_detector.suppression import suppress_overlapping
 
 _CANDIDATES = 200
 

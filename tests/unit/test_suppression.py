@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from pretouch_detector.spread import MAX_OVERLAP, suppress_overlapping
+from pretouch_detector.suppression import MAX_OVERLAP, suppress_overlapping
 from rotated_shapes import drawn, several, shapely_overlap
 
 
