@@ -102,7 +102,7 @@ def test_naming_the_proposers_imports_no_onnxruntime_and_asking_deep_no_torch(tm
         "import sys, pathlib, pretouch_detector.proposals.deep as deep, pretouch_detector.model.weights as weights\n"
         "assert 'onnxruntime' not in sys.modules\n"
         f"deep.WEIGHTS = weights.Weights(pathlib.Path({str(tmp_path / 'weights')!r}))\n"
-        "assert not deep.not_ready(), deep.not_ready()\n"
+        "assert not deep.reason_not_ready(), deep.reason_not_ready()\n"
         "assert 'onnxruntime' in sys.modules\n"
         "sys.exit('torch' in sys.modules)"
     )

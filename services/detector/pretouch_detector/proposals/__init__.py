@@ -55,7 +55,7 @@ def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int,
 
 
 def _reason_not_ready(proposer: Proposer) -> str:
-    reason: str = _module(proposer).not_ready() if proposer is Proposer.DEEP else ""
+    reason: str = _module(proposer).reason_not_ready() if proposer is Proposer.DEEP else ""
     return reason
 
 
