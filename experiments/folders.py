@@ -1,4 +1,4 @@
-"""Where experiments read from and write to unless told otherwise."""
+"""Where experiments read from and write to by default."""
 
 from __future__ import annotations
 

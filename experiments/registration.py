@@ -46,7 +46,7 @@ from experiments.folders import SHARED
 from pretouch.session import Planner, Proposer
 
 ENGINES = [*(engine for engine in Engine if engine is not Engine.POSTERIOR), Engine.POSTERIOR]
-SCANS_TOLD, SCANS_DRAWN, SCANS_FAILED = (0, 1, 2, 3, 5), (1, 2, 4), (1, 3)
+SCANS_REPORTED, SCANS_DRAWN, SCANS_FAILED = (0, 1, 2, 3, 5), (1, 2, 4), (1, 3)
 """Numbers of scans after which the tables, the pictures and the worst runs are evaluated."""
 WORST = 5
 SENSORS = (FingerModel.IDEAL, FingerModel.VL6180X)
@@ -141,20 +141,20 @@ def _introduction(arguments: argparse.Namespace) -> str:
 
 def _write_results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> tuple[str, dict[str, Any]]:
     """Writes the part's pictures; its section of the report, and its content for programs."""
-    told = [scan for scan in SCANS_TOLD if scan <= protocol.scans]
+    reported = [scan for scan in SCANS_REPORTED if scan <= protocol.scans]
     drawn = [scan for scan in SCANS_DRAWN if scan <= protocol.scans]
     engines = list(dict.fromkeys(setup.engine for setup in by_setup(runs)))
     meshes = len({run.mesh for run in runs})
-    lines = [f"## {part.title}\n", f"{meshes} objects, {len(part.tasks)} views.\n", by_scan(runs, told).markdown()]
-    lines.append(f"### Truth in the stated regions\n\n{honesty_table(runs, told).markdown()}")
+    lines = [f"## {part.title}\n", f"{meshes} objects, {len(part.tasks)} views.\n", by_scan(runs, reported).markdown()]
+    lines.append(f"### Truth in the stated regions\n\n{honesty_table(runs, reported).markdown()}")
     lines += [f"Failed: {run.mesh}, view {run.view}, {run.engine}: {run.problem}\n" for run in runs if run.problem]
     subject = engines[-1]
     objects: dict[str, Any] = {}
     for other in engines[:-1]:
-        pairs = compare_engines(runs, told[-1], subject, other)
+        pairs = compare_engines(runs, reported[-1], subject, other)
         objects[other] = [asdict(pair) for pair in pairs]
         if other == (PEER if PEER in engines[:-1] else engines[-2]):
-            lines.append(f"### By object, after scan {told[-1]}\n\n{comparison_table(pairs, subject, other)}")
+            lines.append(f"### By object, after scan {reported[-1]}\n\n{comparison_table(pairs, subject, other)}")
     pictures = {"reliability": save_reliability, "expected": save_expected_errors}
     titles = {"reliability": "Stated regions", "expected": "Stated errors"}
     for name, save in pictures.items():
@@ -163,10 +163,10 @@ def _write_results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Pat
         lines.append(f"![{titles[name]}]({path.name})\n")
     lines += _picture_failures(part, [run for run in runs if run.engine == subject], protocol, out)
     content = {
-        "summaries": [_finite(asdict(one)) for one in summaries(runs, told)],
-        "honesty": [asdict(one) for one in honesty(runs, told)],
+        "summaries": [_finite(asdict(one)) for one in summaries(runs, reported)],
+        "honesty": [asdict(one) for one in honesty(runs, reported)],
         "reliability": _reliability(runs, drawn),
-        "compared": {"engine": subject, "after": told[-1], "with": objects},
+        "compared": {"engine": subject, "after": reported[-1], "with": objects},
     }
     return "\n".join(lines), content
 

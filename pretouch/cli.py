@@ -217,9 +217,9 @@ def main() -> None:
         _refuse(error)
     except ModuleNotFoundError as error:  # at import or only once the command runs
         for entry in entry_points(group="pretouch.commands", name=called or ""):
-            told = _missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
-            if isinstance(told, PretouchError):
-                _refuse(told)
+            explained = _missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
+            if isinstance(explained, PretouchError):
+                _refuse(explained)
         raise
 
 

@@ -77,12 +77,12 @@ async def up(stack: Stack, announce: Callable[[str], None]) -> None:
     logging.getLogger("httpx").setLevel(logging.WARNING)
     task = asyncio.current_task()
     assert task is not None
-    told = False
+    stopping = False
 
     def stop() -> None:
-        nonlocal told
-        if not told:
-            told = True
+        nonlocal stopping
+        if not stopping:
+            stopping = True
             task.cancel()
 
     loop = asyncio.get_running_loop()
@@ -95,7 +95,7 @@ async def up(stack: Stack, announce: Callable[[str], None]) -> None:
         announce(line)
         await asyncio.Event().wait()
     except asyncio.CancelledError:
-        if not told:
+        if not stopping:
             raise
         task.uncancel()
     except TimeoutError as error:
@@ -111,7 +111,7 @@ async def up(stack: Stack, announce: Callable[[str], None]) -> None:
 async def _start(stack: Stack, children: list[Child]) -> str:
     """Starts the children, each as soon as what it needs is there; the ready line."""
     common = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
-    common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core tells of every peer that leaves, in a format of its own
+    common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core logs every peer that leaves, in its own format
     common["PRETOUCH_LOG_LEVEL"] = "debug" if stack.log_level == "debug" else "info"
     if stack.token is not None:
         common["PRETOUCH_TOKEN"] = stack.token

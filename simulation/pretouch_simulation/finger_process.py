@@ -1,7 +1,7 @@
 """A simulated fingertip behind a real serial port: a process that owns a pty and speaks the gateway's binary format.
 
 It prints one JSON line, `{"port": PATH}`, then sends frames at its rate and answers pings until its standard input
-ends. Each input line tells it what the robot is about to do:
+ends. Each input line announces a motion of the robot:
 
     {"start": seconds since the Unix epoch, "t": [n], "base_T_tip": [[16 numbers, row-major], ...]}
 
@@ -117,7 +117,7 @@ class Finger:
         return frames
 
     def reply_to(self, data: bytes, now: float) -> list[bytes]:
-        """A reply to everything asked that `data` completes."""
+        """Replies to the requests that `data` completes."""
         replies = []
         for message in self._decoder.feed(data):
             if isinstance(message, Ping):

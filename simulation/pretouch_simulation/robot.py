@@ -141,18 +141,18 @@ class GatewayRobot:
         """Tells the gateway each pose when the tip is there: at POSE_RATE, and at the corners of its path."""
         yield pb.StreamPointsRequest(device=self._device)
         times = np.union1d(np.arange(0.0, path.duration, 1.0 / POSE_RATE), path.t)
-        told = 0
-        while told < len(times):
-            time.sleep(max(0.0, start + times[told] - time.time()))
-            due = max(told + 1, int(np.searchsorted(start + times, time.time(), side="right")))
-            now = times[told:due]
+        sent = 0
+        while sent < len(times):
+            time.sleep(max(0.0, start + times[sent] - time.time()))
+            due = max(sent + 1, int(np.searchsorted(start + times, time.time(), side="right")))
+            now = times[sent:due]
             yield pb.StreamPointsRequest(
                 tip_poses=[
                     pb.TipPose(t=start + t, base_t_tip=common_pb2.Pose(matrix=pose.ravel()))
                     for t, pose in zip(now, path.at(now), strict=True)
                 ]
             )
-            told = due
+            sent = due
 
     def _wait_for_finger(self) -> None:
         give_up = time.monotonic() + _PATIENCE

@@ -69,7 +69,7 @@ def show(results: Path, seed: int, camera: CameraModel, model: FingerModel, engi
         _print(
             console,
             f"REST {services.rest}, gRPC {services.grpc}, gateway {services.gateway}.",
-            f"The {camera} camera's extrinsics are wrong by up to 2 cm and 5 degrees per axis; nobody is told how.",
+            f"The {camera} camera's extrinsics are wrong by up to 2 cm and 5 degrees per axis; no service knows how.",
             f"The robot moves {PACE:g} times as fast as planned, and its {model} finger measures as much faster.",
         )
         with Live(live_table(recordings), console=console, auto_refresh=False) as live:

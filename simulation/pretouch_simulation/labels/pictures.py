@@ -126,19 +126,19 @@ def _draw_views(axes: Any, by_side: dict[str, list[ViewStatistics]]) -> None:
 def _draw_unscannable(axes: Any, by_side: dict[str, list[ViewStatistics]]) -> None:
     axes.set_title("rectangles that cannot be scanned")
     names = ["none", *(f"{low:.0%} to {high:.0%}" for low, high in pairwise(_SHARES))]
-    told = False
+    determined = False
     for k, (side, views) in enumerate(by_side.items()):
         shares: Array = np.array([view.unscannable for view in views if not np.isnan(view.unscannable)])
         if not len(shares):
             continue
-        told = True
+        determined = True
         groups = np.bincount(np.searchsorted(_SHARES, shares), minlength=len(names))
         label = f"{side}: {shares.mean():.1%} of all"
         place = np.arange(len(names)) + 0.4 * k - 0.2
         bars = axes.bar(place, 100.0 * groups / len(shares), 0.38, color=_COLOURS[side], label=label)
         axes.bar_label(bars, fmt="%.0f", fontsize=7)
-    if not told:
-        axes.text(0.5, 0.5, "Algorithm 1 does not ask.", ha="center", va="center", transform=axes.transAxes)
+    if not determined:
+        axes.text(0.5, 0.5, "Not determined for Algorithm 1.", ha="center", va="center", transform=axes.transAxes)
         axes.axis("off")
         return
     axes.set_xticks(np.arange(len(names)), names, fontsize=8)

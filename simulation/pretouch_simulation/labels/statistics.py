@@ -109,5 +109,5 @@ def table(views: Sequence[ViewStatistics]) -> Table:
 
 
 def _mean(values: Sequence[float], form: str) -> str:
-    told = [value for value in values if not np.isnan(value)]
-    return form.format(np.mean(told)) if told else "-"
+    finite = [value for value in values if not np.isnan(value)]
+    return form.format(np.mean(finite)) if finite else "-"

@@ -91,8 +91,8 @@ class Scorer(nn.Module):
         logs = torch.stack([by_information, torch.log(analytic)], dim=-1)
         whole = self.whole(features.mean(dim=(2, 3)))[:, None].expand(b, r, -1)
         size = image[:, -1, 0, 0][:, None, None].expand(b, r, 1)
-        told = [torch.log(left), logs - math.log(_USUAL), torch.log(rectangles[..., 2:4]), size, whole]
-        pooled = torch.cat([x.mean(dim=3).transpose(1, 2), x.amax(dim=3).transpose(1, 2), *told], dim=2)
+        context = [torch.log(left), logs - math.log(_USUAL), torch.log(rectangles[..., 2:4]), size, whole]
+        pooled = torch.cat([x.mean(dim=3).transpose(1, 2), x.amax(dim=3).transpose(1, 2), *context], dim=2)
         out: Tensor = self.head(pooled) + logs[..., 1:] * self.of_error
         return out
 

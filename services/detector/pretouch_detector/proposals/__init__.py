@@ -45,7 +45,7 @@ def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int,
         Unavailable: the proposer is not ready.
     """
     if not 1 <= count <= MAX_REGIONS:
-        raise InvalidInput(f"{count} regions were asked for.", f"Ask for 1 to {MAX_REGIONS}.")
+        raise InvalidInput(f"{count} regions were requested.", f"Ask for 1 to {MAX_REGIONS}.")
     chosen = proposer or readiness()[0][0]
     if obstacle := _reason_not_ready(chosen):
         names = ", ".join(name for name, reason in readiness() if not reason)
@@ -72,5 +72,5 @@ def warm_up() -> None:
 
 
 def _module(proposer: Proposer) -> Any:
-    """Imported when it is first asked, since numba takes a second to import."""
+    """Imported on first use, since numba takes a second to import."""
     return import_module(f"{__name__}.{proposer.value}")

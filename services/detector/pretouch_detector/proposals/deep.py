@@ -1,7 +1,7 @@
 """Proposer `deep`: random candidates ranked by the pose error that a trained network predicts for each.
 
 The network looks at the scene once, then along the perimeters, and corrects what proposer `stability` works out. It is
-not asked about candidates that `stability` rates poorly: it seldom rates them better, and each one takes time.
+not run on candidates that `stability` rates poorly: it seldom rates them better, and each one takes time.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from pretouch_detector.suppression import suppress_overlapping
 WEIGHTS = Weights(FOLDER)
 _MARGIN = 0.13
 """m around the object that the network may see: about what a session's view has, on which it was trained."""
-_CANDIDATES, _ASKED = 480, 240
-"""How many are drawn, and how many of the best by `stability` the network is asked about; never fewer than wanted."""
+_CANDIDATES, _EVALUATED = 480, 240
+"""How many are drawn, and how many of the best by `stability` the network evaluates; never fewer than wanted."""
 
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
@@ -60,9 +60,9 @@ def propose_by(
     scene, origin = scene.cropped(_MARGIN)
     rectangles = draw_rectangles(scene, max(_CANDIDATES, count), rng)
     analytic, _ = remaining_error(scene, sensor, rectangles)
-    asked = np.argsort(analytic, kind="stable")[: max(_ASKED, count)]
-    rectangles = rectangles[asked]
-    errors = network.errors(encode(scene), rectangles, analytic[asked])
+    chosen = np.argsort(analytic, kind="stable")[: max(_EVALUATED, count)]
+    rectangles = rectangles[chosen]
+    errors = network.errors(encode(scene), rectangles, analytic[chosen])
     order = np.argsort(errors, kind="stable")
     kept = order[suppress_overlapping(rectangles[order], count)]
     confidence = np.clip(1.0 - errors / from_prior(Prior(), scene.cloud).expected_error, 0.0, 1.0)

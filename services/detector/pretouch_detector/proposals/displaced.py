@@ -37,20 +37,20 @@ def mean_square(
                     products[u * ny + v, k] = rows[u, v, a] * rows[u, v, b]
                     k += 1
     met = np.empty(paths.shape[1], np.int64)
-    told, matrix = np.empty(_TERMS), np.empty((6, 6))
+    information, matrix = np.empty(_TERMS), np.empty((6, 6))
     total = np.zeros(len(paths))
     for n in range(len(paths)):
         for t in range(len(shifts)):
             _met(paths[n], shifts[t], corner, cell, nx, ny, met)
-            told[:] = 0.0
+            information[:] = 0.0
             for i in range(len(met)):
                 product = products[met[i]]
                 for k in range(_TERMS):
-                    told[k] += product[k]
+                    information[k] += product[k]
             k = 0
             for a in range(6):
                 for b in range(a + 1):
-                    matrix[a, b] = told[k] * independent[n] + precision[a, b]
+                    matrix[a, b] = information[k] * independent[n] + precision[a, b]
                     k += 1
             total[n] += _trace_of_inverse(matrix, lever)
     return total / len(shifts)

@@ -83,9 +83,9 @@ def _lever(spread: Array) -> Array:
 
 
 def _rows(seen: Relief, sensor: Sensor) -> Array:
-    """(nx, ny, 6): what a beam over each cell tells, in units of its noise, of a pose about the centroid, table axes.
+    """(nx, ny, 6): the Jacobian of a beam over each cell by a pose about the centroid, in units of its noise.
 
-    Nothing where the camera saw neither object nor table.
+    Table axes; zero where the camera saw neither object nor table.
     """
     cleared = 2 * int(np.ceil(_CLEARED / seen.cell)) + 1
     deepest = ndimage.maximum_filter(seen.height, size=cleared) + _CLEARANCE - sensor.range_max
@@ -94,9 +94,9 @@ def _rows(seen: Relief, sensor: Sensor) -> Array:
     squared = slope_x**2 + slope_y**2
     spot = 0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle) / 2
     variance = _HEIGHT_STD**2 + sensor.range_std**2 + (_PLACE_STD**2 + spot**2) * squared
-    tells = seen.known & ((seen.height >= deepest) | (squared > _STEEP**2))
+    informative = seen.known & ((seen.height >= deepest) | (squared > _STEEP**2))
     x, y = (seen.corner[k] + seen.cell * np.arange(n) for k, n in enumerate(seen.height.shape))
     normal = np.stack([-slope_x, -slope_y, np.ones_like(reached)], axis=-1)
     arm = np.stack([*np.broadcast_arrays(x[:, None], y[None, :]), reached - seen.centre_height], axis=-1)
     rows = np.concatenate([np.cross(arm, normal), normal], axis=-1)
-    return np.asarray(rows * np.where(tells, variance**-0.5, 0.0)[..., None], dtype=np.float64)
+    return np.asarray(rows * np.where(informative, variance**-0.5, 0.0)[..., None], dtype=np.float64)

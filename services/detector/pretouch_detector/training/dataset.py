@@ -52,7 +52,7 @@ class Example:
         rectangles: (r, 5) as [x, y, w, h, theta], in the scene's pixels.
         scores: (r, t), m: each rectangle's error in each trial; NaN where the trial was not made.
         expected: (r, t), m: what the engine expected of its error once the trial was made; NaN where it does not say.
-        predicted: (r,), m: what the registrar predicted before any trial; NaN where it was not asked. In the file it is
+        predicted: (r,), m: what the registrar predicted before any trial; NaN without a prediction. Files call it
             `foreseen`.
         provenance: where the view comes from and how it was made.
     """

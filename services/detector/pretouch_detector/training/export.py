@@ -65,5 +65,5 @@ def export_scorer(weights: Path, folder: Path, facts: dict[str, Any]) -> None:
         opset_version=OPSET,
         dynamo=False,
     )
-    told = {"format": FORMAT, "channels": list(CHANNELS), "size": SIZE, **facts}
-    (folder / "scorer.json").write_text(json.dumps(told, indent=1) + "\n")
+    description = {"format": FORMAT, "channels": list(CHANNELS), "size": SIZE, **facts}
+    (folder / "scorer.json").write_text(json.dumps(description, indent=1) + "\n")

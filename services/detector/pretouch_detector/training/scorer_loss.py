@@ -22,14 +22,14 @@ def scorer_loss(model: nn.Module, batch: Batch) -> dict[str, Tensor]:
     out = model(batch.image, batch.rectangles, batch.analytic)
     achieved, known = _known(batch.errors[..., ACHIEVED])
     mean = out[..., 0]
-    expected, told = _known(batch.errors[..., EXPECTED])
-    predicted, asked = _known(batch.errors[..., PREDICTED])
+    expected, has_expected = _known(batch.errors[..., EXPECTED])
+    predicted, has_predicted = _known(batch.errors[..., PREDICTED])
     apart = torch.log(achieved) - mean.detach()
     return {
         "achieved": _mean(mean + achieved * torch.exp(-mean), known),
         "spread": 0.2 * _mean(out[..., 1] + 0.5 * apart**2 * torch.exp(-2.0 * out[..., 1]), known),
-        "expected": _SHARPNESS * _mean((torch.log(expected) - out[..., 2]) ** 2, told),
-        "foreseen": _SHARPNESS * _mean((torch.log(predicted) - out[..., 3]) ** 2, asked),
+        "expected": _SHARPNESS * _mean((torch.log(expected) - out[..., 2]) ** 2, has_expected),
+        "foreseen": _SHARPNESS * _mean((torch.log(predicted) - out[..., 3]) ** 2, has_predicted),
     }
 
 

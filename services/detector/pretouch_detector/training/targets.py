@@ -44,8 +44,8 @@ def targets_of(example: Example, worst: bool) -> Targets:
     """
     encoding = encode(example.scene)
     expected = np.full(len(example.rectangles), np.nan)
-    told = ~np.isnan(example.expected).all(axis=1)
-    expected[told] = np.nanmean(example.expected[told], axis=1)
+    answered = ~np.isnan(example.expected).all(axis=1)
+    expected[answered] = np.nanmean(example.expected[answered], axis=1)
     errors = np.column_stack([example.achieved(worst), expected, example.predicted]).astype(np.float32)
     analytic, _ = remaining_error(example.scene, example.sensor, example.rectangles)
     return Targets(encoding.image, encoding.normalised(example.rectangles), analytic.astype(np.float32), errors)
