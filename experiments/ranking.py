@@ -22,8 +22,8 @@ from pretouch_detector.proposals import deep
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.training.dataset import SIDES, Dataset, Example
 from pretouch_simulation.markdown import markdown_table
-from scipy.stats import spearmanr
 
+from experiments.rank_correlation import rank_correlation
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 
@@ -96,7 +96,9 @@ def report(dataset: Dataset, side: str) -> str:
             first = float(errors[scanned][np.argmin(predicted[scanned])])
             outcomes[name].append(
                 Outcome(
-                    correlation(predicted, example.predicted), correlation(predicted[scanned], errors[scanned]), first
+                    rank_correlation(predicted, example.predicted),
+                    rank_correlation(predicted[scanned], errors[scanned]),
+                    first,
                 )
             )
     if not mean:
@@ -104,14 +106,6 @@ def report(dataset: Dataset, side: str) -> str:
             f"No view of the side {side} has {LEAST} scanned rectangles.", "Give a dataset of --kind scans."
         )
     return _markdown(outcomes, seconds, side, len(objects), mean, least)
-
-
-def correlation(a: Array, b: Array) -> float:
-    """Spearman's rank correlation of the finite values; 0 if one of the two is constant."""
-    both = np.isfinite(a) & np.isfinite(b)
-    if both.sum() < 2 or np.ptp(a[both]) == 0 or np.ptp(b[both]) == 0:
-        return 0.0
-    return float(spearmanr(a[both], b[both])[0])
 
 
 def _markdown(

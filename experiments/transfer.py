@@ -20,6 +20,7 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from pretouch_simulation.evaluation_tasks import MIN_PIXELS
 from pretouch_simulation.finger import FingerModel, realise
 from pretouch_simulation.frames import load_frame
 from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks
@@ -42,7 +43,6 @@ from pretouch.session import Proposer
 
 FIRST = 10
 DRAWN = 5
-MIN_PIXELS = 1000
 
 
 def main() -> None:

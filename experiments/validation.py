@@ -23,12 +23,12 @@ from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.split import Split
-from scipy.stats import spearmanr
 
 from experiments.collecting import run_jobs
 from experiments.command_line import command_of, run_resumable
 from experiments.folders import SHARED
 from experiments.one_scan import CANDIDATES, Job, Row, Target, load_view
+from experiments.rank_correlation import rank_correlation
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 from pretouch.scene import Scene
@@ -107,7 +107,7 @@ def report(command: str, rows: Sequence[Row], views: Sequence[Row], predictions:
     """The tables, in Markdown."""
     achieved = [np.mean(row.errors, axis=1) for row in views]
     halves = [
-        spearman(np.mean(np.array(r.errors)[:, ::2], axis=1), np.mean(np.array(r.errors)[:, 1::2], axis=1))
+        rank_correlation(np.mean(np.array(r.errors)[:, ::2], axis=1), np.mean(np.array(r.errors)[:, 1::2], axis=1))
         for r in views
     ]
     lines = [
@@ -128,7 +128,7 @@ def report(command: str, rows: Sequence[Row], views: Sequence[Row], predictions:
     table = []
     everyone = np.concatenate(achieved)
     for name, values in predictions.items():
-        within = [spearman(predicted, got) for predicted, got in zip(values, achieved, strict=True)]
+        within = [rank_correlation(predicted, got) for predicted, got in zip(values, achieved, strict=True)]
         best = np.mean(
             [got[np.argsort(predicted)[:BEST]].mean() for predicted, got in zip(values, achieved, strict=True)]
         )
@@ -136,7 +136,7 @@ def report(command: str, rows: Sequence[Row], views: Sequence[Row], predictions:
         table.append(
             [
                 name,
-                f"{spearman(flat, everyone):.2f}",
+                f"{rank_correlation(flat, everyone):.2f}",
                 f"{np.mean(within):.2f} ± {np.std(within) / np.sqrt(len(within)):.2f}",
                 f"{100 * flat.mean():.2f} / {100 * everyone.mean():.2f}",
                 f"{100 * best:.2f}",
@@ -148,11 +148,6 @@ def report(command: str, rows: Sequence[Row], views: Sequence[Row], predictions:
     first_ten = ["deep", str(len(flat)), f"{100 * flat.mean():.2f} ({100 * flat.std():.2f})"]
     lines.append(markdown_table(["first ten regions of", "n", "mean (std), cm"], [first_ten]))
     return "\n".join([*lines, "![Predicted against achieved](validation.png)", ""])
-
-
-def spearman(a: Array, b: Array) -> float:
-    """Of two rows of numbers; 0 where one is the same throughout."""
-    return float(spearmanr(a, b)[0]) if np.ptp(a) > 0 and np.ptp(b) > 0 else 0.0
 
 
 def save_picture(views: Sequence[Row], predictions: Sequence[Array], path: Path) -> None:
