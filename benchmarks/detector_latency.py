@@ -100,7 +100,7 @@ def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, A
     questions: list[Question] = []
     for scene in scenes:
         recorder = Recorder(network.session)
-        deep.regions(recorder, scene, Sensor(), REGIONS, np.random.default_rng(0))
+        deep.propose_by(recorder, scene, Sensor(), REGIONS, np.random.default_rng(0))
         questions += recorder.asked
 
     def ask(question: Question) -> Floats:

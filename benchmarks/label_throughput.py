@@ -27,8 +27,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from pretouch_detector.proposals.random import drawn
-from pretouch_detector.training.trials import NOISE, offsets, view_of
+from pretouch_detector.proposals.random import draw_rectangles
+from pretouch_detector.training.trials import NOISE, draw_offsets, view_of
 from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.label_trials import Matching, Trials, best, scores
 from pretouch_simulation.labels.task import tasks_of
@@ -117,7 +117,7 @@ def pcl_seconds(scenes: Sequence[Scene], folder: Path) -> float:
 def _image(
     scene: Scene, rectangles: int, trials: int, matching: Matching, threads: int, rng: np.random.Generator
 ) -> dict[str, Callable[[], object]]:
-    boxes, moves = drawn(scene, rectangles, rng), offsets(trials, rng)
+    boxes, moves = draw_rectangles(scene, rectangles, rng), draw_offsets(trials, rng)
     view, how = view_of(scene, matching), Trials(matching, NOISE)
     return {
         "all": lambda: scores(view, boxes, moves, how, threads),
@@ -127,7 +127,7 @@ def _image(
 
 def _cases(scene: Scene, rng: np.random.Generator) -> Iterator[RegistrationCase]:
     """Points of trials as the kernels cut them out, in the camera's frame."""
-    boxes, moves = drawn(scene, _PCL_MATCHES, rng), offsets(_PCL_MATCHES, rng)
+    boxes, moves = draw_rectangles(scene, _PCL_MATCHES, rng), draw_offsets(_PCL_MATCHES, rng)
     cloud = scene.camera.organised(scene.depth.metres)[scene.mask]
     seen, centre = scene.camera.project(cloud), cloud.mean(axis=0)
     model, how = camera_model.build(scene), Trials()

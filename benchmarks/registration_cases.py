@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pretouch_detector.proposals.random import candidates
+from pretouch_detector.proposals.random import draw_candidates
 from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_simulation.mesh import Mesh, load_mesh
@@ -96,7 +96,7 @@ def _of_view(name: str, mesh: Mesh, view: int, seed: int) -> list[RegistrationCa
     true_cloud = case.truth.apply(scene.cloud)
     seen_at = scene.camera.project(scene.base_T_camera.inverse().apply(true_cloud))
     cases = []
-    for rectangle in candidates(scene, _SCANS_PER_VIEW, rng):
+    for rectangle in draw_candidates(scene, _SCANS_PER_VIEW, rng):
         on = np.abs(rectangle.distance(seen_at)) <= ON_PERIMETER
         near = np.abs(rectangle.distance(np.stack([u, v], axis=1))) <= NEAR_PERIMETER
         source = true_cloud[on] + rng.normal(0.0, NOISE, (on.sum(), 3))

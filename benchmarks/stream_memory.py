@@ -61,7 +61,7 @@ async def measure(streams: int = STREAMS) -> dict[str, float]:
     scans = [_scans(case) for case in cases]
     environment = os.environ | {"PRETOUCH_MAX_QUEUE": str(2 * streams)}
     registrar = Child("registrar", "127.0.0.1", 0, environment, lambda line, fields: None)
-    ready = asyncio.create_task(registrar.ready())
+    ready = asyncio.create_task(registrar.wait_until_ready())
     try:
         async with open_channel(f"127.0.0.1:{await ready}") as channel:
             stub = RegistrarServiceStub(channel)

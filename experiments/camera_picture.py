@@ -1,4 +1,4 @@
-"""Real and simulated residuals side by side, and the curves that sum them up."""
+"""Real and simulated residuals side by side, and curves that summarise them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from camera_residuals import REACH, SCALES, Residuals
-from camera_scenes import CAMERAS, View, of_camera
-from camera_tables import profile
 from pretouch_simulation.reliability import save_small
+
+from experiments.camera_residuals import REACH, SCALES, Residuals
+from experiments.camera_scenes import CAMERAS, View, of_camera
+from experiments.camera_tables import profile
 
 _SPAN = 8.0
 """mm."""

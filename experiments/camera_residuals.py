@@ -1,4 +1,4 @@
-"""What a depth image of a known world is wrong by: measured the same of real images and of simulated ones."""
+"""The errors of a depth image of a known world, measured alike for real images and simulated ones."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pretouch.camera import Camera
 from pretouch.geometry import Array, Pose
 
 NEAR = 0.02
-"""m; a depth further than this from the mesh is of something else."""
+"""m; a depth further than this from the mesh belongs to something else."""
 SCALES = (1, 2, 4, 8, 16)
 """px."""
 REACH = 20
 """px; profiles end here."""
 FAR = 0.04
-"""m; a background further behind a silhouette than this is a far one."""
+"""m; a background further behind a silhouette than this counts as far."""
 _RIDGE_WINDOW, _RIDGE = 17, 0.002
 _MARGIN = 6
 
@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What a camera that errs in nothing would see.
+    """What an ideal camera would see.
 
     Attributes:
         depth: (h, w), m; 0 = nothing.
@@ -56,7 +56,7 @@ class Residuals:
         pixels: how many have a depth near the mesh.
         mean, std: of the residual, measured minus true.
         smoothed: (5,), its std after smoothing over `SCALES`.
-        ridge: (REACH,), mean residual less that far from ridges, by the distance from a ridge in px; NaN: no pixel.
+        ridge: (REACH,), mean residual minus that far from ridges, by the distance from a ridge in px; NaN: no pixel.
         missing: (REACH,), share without a depth by the distance from a silhouette before a far background, px.
         eaten: (REACH,), share with the background's depth, the same.
         outlines: (n,), px, of the true outline before a far background from that of the depth image.

@@ -1,4 +1,4 @@
-"""Real depth frames, and the same worlds before simulated cameras."""
+"""Real depth frames, and the same worlds seen by simulated cameras."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from camera_residuals import NEAR, SCALES, Mask, Residuals, Truth, residuals, smoothed, truth_of
 from pretouch_simulation.depth_cameras import CameraModel, realise
+from pretouch_simulation.evaluation_tasks import MIN_PIXELS
 from pretouch_simulation.frames import frame_case, load_frame, load_images
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.world import World
 from scipy import ndimage
 
+from experiments.camera_residuals import NEAR, SCALES, Mask, Residuals, Truth, residuals, smoothed, truth_of
 from pretouch.camera import Camera
 from pretouch.geometry import Array, Plane, Pose
 
 REAL = "real"
 CAMERAS = (REAL, *(model.value for model in CameraModel))
-_MIN_PIXELS = 1000
 _BORDER = 4
 """px of the labelled table that are left out along its border."""
 
@@ -52,7 +52,7 @@ def views_of(path: Path) -> Iterator[View]:
     """Every object of a frame with over 1000 pixels of depth, as the real camera and each simulated one sees it."""
     frame = load_frame(path)
     for thing in frame.objects:
-        if frame.mask(thing.name).sum() > _MIN_PIXELS:
+        if frame.mask(thing.name).sum() > MIN_PIXELS:
             case = frame_case(frame, thing.name, 0)
             yield from _views(frame.name, thing.name, case)
 

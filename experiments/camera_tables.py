@@ -1,4 +1,4 @@
-"""What is wrong with depth images, real and simulated, in tables."""
+"""Tables of the errors of depth images, real and simulated."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from camera_residuals import SCALES, Residuals
-from camera_scenes import CAMERAS, View, of_camera
+from pretouch_simulation.markdown import markdown_table
 
+from experiments.camera_residuals import SCALES, Residuals
+from experiments.camera_scenes import CAMERAS, View, of_camera
 from pretouch.geometry import Array
 
 _MM = 1e3
@@ -19,28 +20,25 @@ _EDGE_AT = (1, 3, 5, 8, 12)
 
 def residual_table(views: Sequence[tuple[View, Residuals]]) -> str:
     """Mean over the objects, in mm."""
-    scales = " | ".join(f"{scale} px" for scale in SCALES)
-    lines = [
-        f"| camera | n | mean: lowest to highest | std | smoothed: {scales} |",
-        "|" + "---|" * (4 + len(SCALES)),
-    ]
+    headings = ["camera", "n", "mean: lowest to highest", "std", *_smoothed_headings()]
+    lines = []
     for camera in CAMERAS:
         found = of_camera(views, camera)
         if not found:
             continue
         means = _MM * np.array([one.mean for one in found])
         stds = _MM * np.array([[one.std, *one.smoothed] for one in found]).mean(axis=0)
-        lines.append(_row(camera, str(len(found)), f"{means.min():.1f} to {means.max():.1f}", *_numbers(stds)))
-    return "\n".join(lines)
+        lines.append([camera, str(len(found)), f"{means.min():.1f} to {means.max():.1f}", *_numbers(stds)])
+    return markdown_table(headings, lines)
 
 
 def edge_table(views: Sequence[tuple[View, Residuals]]) -> str:
     """Ridges, silhouettes and outlines."""
-    lines = [
-        f"| camera | ridge, mm at {_list(_RIDGE_AT)} px | no depth, % at {_list(_EDGE_AT)} px "
-        "| background, % at 1, 3 px | depth's outline, px p50, p95 | mask's outline, px p50, p95 |",
-        "|" + "---|" * 6,
-    ]
+    headings = (
+        *("camera", f"ridge, mm at {_list(_RIDGE_AT)} px", f"no depth, % at {_list(_EDGE_AT)} px"),
+        *("background, % at 1, 3 px", "depth's outline, px p50, p95", "mask's outline, px p50, p95"),
+    )
+    lines = []
     for camera in CAMERAS:
         found = of_camera(views, camera)
         if not found:
@@ -50,26 +48,26 @@ def edge_table(views: Sequence[tuple[View, Residuals]]) -> str:
             np.concatenate([getattr(one, name) for one in found]) for name in ("outlines", "mask_outlines")
         )
         lines.append(
-            _row(
+            [
                 camera,
                 " / ".join(f"{_MM * ridge[at - 1]:.1f}" for at in _RIDGE_AT),
                 " / ".join(f"{100 * missing[at - 1]:.0f}" for at in _EDGE_AT),
                 " / ".join(f"{100 * eaten[at - 1]:.0f}" for at in (1, 3)),
                 " / ".join(_numbers(np.percentile(outlines, [50, 95]))),
                 " / ".join(_numbers(np.percentile(masks, [50, 95]))),
-            )
+            ]
         )
-    return "\n".join(lines)
+    return markdown_table(headings, lines)
 
 
 def plane_table(planes: Sequence[Mapping[str, Array]]) -> str:
     """Medians over the scenes, in mm."""
-    scales = " | ".join(f"{scale} px" for scale in SCALES)
-    lines = [f"| camera | n | std along z | smoothed: {scales} | across |", "|" + "---|" * (4 + len(SCALES))]
+    headings = ["camera", "n", "std along z", *_smoothed_headings(), "across"]
+    lines = []
     for camera in CAMERAS:
         values = _MM * np.median([plane[camera] for plane in planes], axis=0)
-        lines.append(_row(camera, str(len(planes)), *_numbers(values)))
-    return "\n".join(lines)
+        lines.append([camera, str(len(planes)), *_numbers(values)])
+    return markdown_table(headings, lines)
 
 
 def profile(found: Sequence[Residuals], name: str) -> Array:
@@ -87,5 +85,6 @@ def _numbers(values: Array) -> list[str]:
     return [f"{value:.1f}" for value in values]
 
 
-def _row(*cells: str) -> str:
-    return "| " + " | ".join(cells) + " |"
+def _smoothed_headings() -> list[str]:
+    first, *others = (f"{scale} px" for scale in SCALES)
+    return [f"smoothed: {first}", *others]

@@ -1,6 +1,6 @@
-"""How the simulated depth cameras err, beside real ones: residuals against the true meshes and tables.
+"""Errors of the simulated depth cameras beside real ones: residuals against the true meshes and tables.
 
-    python experiments/cameras.py [--frames DIR] [--scenes DIR] [--out docs/results]
+    python -m experiments.cameras [--frames DIR] [--scenes DIR] [--out docs/results]
 
 Every object with more than 1000 pixels of depth in the frames of `--frames`, which have poses and meshes, as the real
 camera saw it and as each simulated camera sees it in the same place; and the tables of the scenes of `--scenes`. The
@@ -10,27 +10,26 @@ folders are those of data/real_depth of PRETOUCH_SHARED unless given.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from camera_picture import save_picture
-from camera_residuals import Residuals
-from camera_scenes import CAMERAS, View, protocol_views, table_stds, views_of
-from camera_tables import edge_table, plane_table, residual_table
-from collecting import RESULTS, SHARED
-
-from pretouch.errors import NotFound, PretouchError
+from experiments.camera_picture import save_picture
+from experiments.camera_residuals import Residuals
+from experiments.camera_scenes import CAMERAS, View, protocol_views, table_stds, views_of
+from experiments.camera_tables import edge_table, plane_table, residual_table
+from experiments.command_line import run_or_exit
+from experiments.folders import RESULTS, SHARED
+from pretouch.errors import NotFound
 
 FITTED = tuple(f"0000_00000{number}" for number in range(1, 6))
 """Frames to which the camera `window` was fitted."""
 SHOWN = (("0000_000008", "009_gelatin_box"), ("0003_000138", "005_tomato_soup_can"))
 _EVERY = 12
-"""To which of the scenes' tables it was fitted: the first and every twelfth after it, in the order of their names."""
+"""Camera `window` was fitted to the tables of the first scene and every twelfth after it, in the order of names."""
 _HELD_OUT = 6
 
 HEAD = """# Simulated depth cameras beside real ones
 
-`python experiments/cameras.py`. YCB-Video: an Asus Xtion, f = 1067 px, objects 0.5 to 0.75 m away; residual: measured
+`python -m experiments.cameras`. YCB-Video: an Asus Xtion, f = 1067 px, objects 0.5 to 0.75 m away; residual: measured
 depth less that of the mesh in its true place, where it is below 20 mm; every object with over 1000 pixels. The
 simulated cameras see the same worlds, each view with errors of its own (`random`: with a camera of its own). Camera
 `window` was fitted, by hand, to the frames 0000_000001 to 0000_000005, of which 1, 3 and 4 were looked at, and to the
@@ -54,15 +53,13 @@ def main() -> None:
     parser.add_argument("--frames", type=Path, default=SHARED / "data" / "real_depth" / "ycb_video")
     parser.add_argument("--scenes", type=Path, default=SHARED / "data" / "real_depth" / "mosd_kinect_v1")
     parser.add_argument("--out", type=Path, default=RESULTS)
-    arguments = parser.parse_args()
-    try:
-        run(_in(arguments.frames), _in(arguments.scenes), arguments.out)
-    except PretouchError as error:
-        sys.exit(f"{error.detail} {error.remedy}")
+    run_or_exit(parser.parse_args(), run)
 
 
-def run(frames: list[Path], scenes: list[Path], out: Path) -> None:
-    """Writes cameras.md and cameras.png into `out`."""
+def run(arguments: argparse.Namespace) -> None:
+    """Writes cameras.md and cameras.png into `arguments.out`."""
+    frames, scenes = _frames_in(arguments.frames), _frames_in(arguments.scenes)
+    out: Path = arguments.out
     groups: dict[str, list[tuple[View, Residuals]]] = {}
     maps: dict[tuple[str, str], list[View]] = {}
     for path in frames:
@@ -75,21 +72,19 @@ def run(frames: list[Path], scenes: list[Path], out: Path) -> None:
     for group, views in groups.items():
         names = sorted({view.frame for view, _ in views})
         parts.append(f"## YCB-Video, {group}: {', '.join(name.split('_')[1].lstrip('0') for name in names)}\n")
-        parts.append(
-            f"Residual, mm, mean over n objects in frames:\n\n{residual_table(views)}\n\n{edge_table(views)}\n"
-        )
+        parts.append(f"Residual, mm, mean over n objects in frames:\n\n{residual_table(views)}\n{edge_table(views)}")
     protocol = [(view, view.residuals) for view in protocol_views()]
     parts.append("## In the evaluation protocol\n")
     parts.append(
         "One view of each of the objects made in code, 0.8 to 1 m away, f = 525 px, seed 0.\n\n"
-        f"{residual_table(protocol)}\n\n{edge_table(protocol)}\n"
+        f"{residual_table(protocol)}\n{edge_table(protocol)}"
     )
     for group, chosen in (("fitted", scenes[::_EVERY]), ("held out", scenes[_HELD_OUT::_EVERY])):
         planes = [table_stds(path) for path in chosen]
         parts.append(f"## mOSD, tables, {group}\n")
         parts.append(
             "Kinect v1, f = 525 px, 0.75 to 1 m away: residual against the best plane, mm, medians over scenes.\n\n"
-            f"{plane_table(planes)}\n"
+            f"{plane_table(planes)}"
         )
     out.mkdir(parents=True, exist_ok=True)
     page = "\n".join(parts)
@@ -100,7 +95,7 @@ def run(frames: list[Path], scenes: list[Path], out: Path) -> None:
     print(page)
 
 
-def _in(folder: Path) -> list[Path]:
+def _frames_in(folder: Path) -> list[Path]:
     paths = sorted(folder.glob("*.json"))
     if not paths:
         raise NotFound(f"There are no frames in {folder}.", "Give the folders, or set PRETOUCH_SHARED.")

@@ -1,32 +1,29 @@
-"""Jobs of one scan each made by worker processes, kept as they come, with what they will cost told before."""
+"""Runs one-scan jobs in worker processes, with an estimate of the time; finished rows survive an interruption."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
-from kept import Kept
-from one_scan import ALGORITHM_1, CANDIDATES, PAPER, Job, Row, prepare, run_job
 from pretouch_detector.proposals import readiness
-from pretouch_simulation.workers import in_workers
+from pretouch_simulation.partial_rows import PartialRows
+from pretouch_simulation.workers import run_in_workers
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from experiments.one_scan import ALGORITHM_1, CANDIDATES, PAPER, Job, Row, prepare, run_job
 from pretouch.errors import Unavailable
 from pretouch.session import Proposer
 
-SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).resolve().parents[2] / "shared"))
-RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results"
 PROPOSERS = (Proposer.RANDOM, Proposer.NARF, Proposer.STABILITY, Proposer.DEEP)
 _SECONDS = {"ideal": 0.18, "vl6180x": 0.35, "cone": 0.35, "random": 0.35, PAPER: 0.015}
-"""Of one core, for one scan and its match."""
+"""s of one core for one scan and its registration."""
 _VIEW_SECONDS, _LABELLED_VIEW_SECONDS = 1.0, 12.0
 
 
-def ready(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
-    """Those that can be used, and why the others cannot.
+def split_by_readiness(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
+    """Splits the proposers into those that are ready, and the reasons why the others are not.
 
     Raises:
         Unavailable: none can.
@@ -40,15 +37,13 @@ def ready(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict[str, str]]:
     return usable, missing
 
 
-def collect(jobs: Sequence[Job], workers: int | None, path: Path, settings: dict[str, Any], title: str) -> list[Row]:
-    """Makes all jobs that `path` does not hold the rows of; in the order of the jobs.
+def run_jobs(jobs: Sequence[Job], workers: int | None, kept: PartialRows, title: str) -> list[Row]:
+    """Runs the jobs whose rows are not in `kept` yet; the rows of all jobs, in their order.
 
     Raises:
-        Conflict: `path` holds rows made with other settings.
-        KeyboardInterrupt: what was made by then is in `path`.
+        KeyboardInterrupt: what was made by then is in `kept`.
     """
-    kept = Kept(path, settings)
-    rows = {row.key: row for row in (Row(**values) for values in kept.rows)}
+    rows = {row.key: row for row in map(Row.from_dict, kept.rows)}
     missing = [job for job in jobs if job.key not in rows]
     processes = workers or os.cpu_count() or 1
     console = Console(stderr=True)
@@ -61,7 +56,7 @@ def collect(jobs: Sequence[Job], workers: int | None, path: Path, settings: dict
             title, total=sum(costs.values()), completed=int(sum(costs.get(key, 0.0) for key in rows))
         )
         setups = tuple(dict.fromkeys(job.setup for job in missing))
-        for row in in_workers(run_job, [(job,) for job in missing], processes, prepare, (setups,)):
+        for row in run_in_workers(run_job, [(job,) for job in missing], processes, prepare, (setups,)):
             kept.add(row.as_dict())
             rows[row.key] = row
             progress.advance(bar, costs[row.key])
@@ -74,7 +69,7 @@ def collect(jobs: Sequence[Job], workers: int | None, path: Path, settings: dict
 def jobs_of(
     target: Any, setup: str, proposers: Sequence[Proposer], offsets: int, seed: int, first: int, candidates: int
 ) -> list[Job]:
-    """One for each proposer's `first` rectangles, and before them one for `candidates`, if any."""
+    """A job for each proposer's `first` rectangles, after one for `candidates` random ones, if any."""
     subjects = [(CANDIDATES, candidates)] if candidates else []
     subjects += [(proposer.value, first) for proposer in proposers]
     return [Job(target, setup, subject, count, offsets, seed) for subject, count in subjects]

@@ -1,6 +1,6 @@
-"""One view, many rectangles: what the pose error is after one scan of each, averaged over hidden offsets.
+"""The pose error after one scan of each of many rectangles of a view, averaged over hidden offsets.
 
-All rectangles of a view meet the same hidden offsets, so that they compare; the noise is each scan's own.
+All rectangles of a view are scanned under the same hidden offsets, so that they are comparable; noise differs.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 from pretouch_detector.proposals import propose
-from pretouch_detector.proposals.region import ProposedRegion
-from pretouch_detector.spread import spread
+from pretouch_detector.suppression import suppress_overlapping
 from pretouch_detector.training import trials
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
@@ -26,23 +25,26 @@ from pretouch_simulation.labels.view import LabelView, view_of
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.objects import box
 from pretouch_simulation.paper_setting import cut
-from pretouch_simulation.protocol import case_of, generator, make_case, offset_about
+from pretouch_simulation.protocol import case_of, draw_offset_about, generator, make_case
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array, Pose
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Scan, Sensor
 
 CANDIDATES = "candidates"
-"""The subject that is no proposer's: random rectangles among which the oracle chooses."""
+"""The subject of no proposer: random rectangles from which the oracle chooses."""
 ALGORITHM_1 = "algorithm 1"
-"""The subject whose regions are the best of a thousand by the paper's Algorithm 1, run on the view itself: what
-labels so made point to."""
+"""The subject whose regions are the best of a thousand by the paper's Algorithm 1, run on the view itself: the regions
+that such labels would teach."""
 PAPER = "paper"
+_NAMES_IN_FILES = {"predicted": "foreseen"}
+"""Members of a `Row` that have another name in files."""
+_FIELDS = {name: field for field, name in _NAMES_IN_FILES.items()}
 _SESSION_REGIONS = 20
-"""A session asks its detector for so many; the first of them count."""
+"""The number of regions that a session asks its detector for; the first of them are scanned."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Target:
 
     @property
     def name(self) -> str:
-        """What tells it from all others."""
+        """The target's unique name."""
         return f"{self.path.stem} {self.thing} {self.view}" if self.thing else f"{self.path.stem} {self.view}"
 
 
@@ -89,16 +91,16 @@ class Job:
 
 @dataclass(frozen=True)
 class Row:
-    """What came of a job.
+    """The result of a job.
 
     Attributes:
         rectangles: in the scene's pixels, the best first.
         confidence: the proposer's, one a rectangle.
         errors: m, (r, offsets).
         initial: m, (offsets,): without a scan.
-        foreseen: m, (r,): what the registrar foretold; of CANDIDATES under a finger only, else empty.
+        predicted: m, (r,): what the registrar predicted; of CANDIDATES under a finger only, else empty.
         pathless: rectangles that cannot be scanned: their errors are the initial ones.
-        problem: why there is nothing else, else empty.
+        problem: why there are no results, else empty.
     """
 
     target: str
@@ -113,7 +115,7 @@ class Row:
     confidence: list[float]
     errors: list[list[float]]
     initial: list[float]
-    foreseen: list[float]
+    predicted: list[float]
     pathless: int
     problem: str = ""
 
@@ -123,38 +125,42 @@ class Row:
 
     @property
     def made(self) -> tuple[int, int]:
-        """Rows of one table agree in this."""
+        """What the rows of one table have in common."""
         return self.offsets, self.seed
 
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Row:
+        return cls(**{_FIELDS.get(name, name): value for name, value in values.items()})
+
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        return {_NAMES_IN_FILES.get(name, name): value for name, value in asdict(self).items()}
 
 
 def run_job(job: Job) -> Row:
-    """Makes the job; an error of pretouch's own is part of the answer."""
+    """Runs the job; an error of pretouch's own becomes the row's `problem`."""
     about: dict[str, Any] = {
         **{"target": job.target.name, "object": job.target.object, "view": job.target.view},
         **{"setup": job.setup, "subject": job.subject, "count": job.count, "offsets": job.offsets, "seed": job.seed},
     }
     try:
-        return Row(**about, **_scored(job))
+        return Row(**about, **_run(job))
     except PretouchError as error:
-        nothing: dict[str, Any] = {name: [] for name in ("rectangles", "confidence", "errors", "initial", "foreseen")}
+        nothing: dict[str, Any] = {name: [] for name in ("rectangles", "confidence", "errors", "initial", "predicted")}
         return Row(**about, **nothing, pathless=0, problem=f"{error.detail} {error.remedy}".strip())
 
 
 def prepare(setups: Sequence[str]) -> None:
-    """Compiles and loads what the first job would else wait for."""
+    """Compiles and loads in advance what the first job needs."""
     view = view_of(case_of("warm-up", box(), 0, generator("warm-up")))
     v, u = np.argwhere(view.scene.mask).mean(axis=0)
     rectangles = [RotatedRectangle(u, v, 30, 30, 0)]
     for setup in setups:
-        _errors(view, rectangles, Job(Target(Path("warm-up"), 0), setup, CANDIDATES, 1, 1, 0))
+        _scan_rectangles(view, rectangles, Job(Target(Path("warm-up"), 0), setup, CANDIDATES, 1, 1, 0))
 
 
 @lru_cache(maxsize=6)
-def seen(target: Target, seed: int) -> LabelView:
-    """The target as a session sees it, beside its world.
+def load_view(target: Target, seed: int) -> LabelView:
+    """The target as a session sees it, with its world.
 
     Raises:
         PretouchError: it cannot be read, or is not seen.
@@ -164,7 +170,7 @@ def seen(target: Target, seed: int) -> LabelView:
     return view_of(make_case(target.path.stem, load_mesh(target.path), target.view, seed))
 
 
-def first_regions(scene: Scene, proposer: Proposer, sensor: Sensor, count: int) -> list[ProposedRegion]:
+def propose_first(scene: Scene, proposer: Proposer, sensor: Sensor, count: int) -> list[ProposedRegion]:
     """The first `count` regions that a session on this scene would be given.
 
     Raises:
@@ -174,33 +180,33 @@ def first_regions(scene: Scene, proposer: Proposer, sensor: Sensor, count: int) 
     return propose(scene, proposer, sensor, max(count, _SESSION_REGIONS), seed).regions[:count]
 
 
-def _scored(job: Job) -> dict[str, Any]:
-    view = seen(job.target, job.seed)
+def _run(job: Job) -> dict[str, Any]:
+    view = load_view(job.target, job.seed)
     sensor = _scoring(job).finger.sensor
-    foretold = job.subject == CANDIDATES and job.setup != PAPER
+    ask = job.subject == CANDIDATES and job.setup != PAPER
     if job.subject == ALGORITHM_1:
-        regions = _by_labels(view.scene, job)
+        regions = _best_by_labels(view.scene, job)
     else:
         proposer = Proposer.RANDOM if job.subject == CANDIDATES else Proposer(job.subject)
-        regions = first_regions(view.scene, proposer, sensor, job.count)
+        regions = propose_first(view.scene, proposer, sensor, job.count)
     rectangles = [region.rectangle for region in regions]
-    errors, foreseen, pathless = _errors(view, rectangles, job, foretold)
+    errors, predicted, pathless = _scan_rectangles(view, rectangles, job, ask)
     cloud, truths = view.case.cloud, _truths(view, job)
     return {
         "rectangles": [np.round(rectangle.as_list(), 4).tolist() for rectangle in rectangles],
         "confidence": [round(region.confidence, 5) for region in regions],
         "errors": np.round(errors, 7).tolist(),
         "initial": [round(scans.mean_error(cloud, truth, Pose.identity()), 7) for truth in truths],
-        "foreseen": np.round(foreseen, 7).tolist(),
+        "predicted": np.round(predicted, 7).tolist(),
         "pathless": pathless,
     }
 
 
-def _by_labels(scene: Scene, job: Job) -> list[ProposedRegion]:
+def _best_by_labels(scene: Scene, job: Job) -> list[ProposedRegion]:
     rng = generator("algorithm 1", job.seed, job.target.name)
-    rectangles, scores = trials.label(scene, trials.Settings(), rng, threads=1)
+    rectangles, scores = trials.label_scene(scene, trials.Settings(), rng, threads=1)
     ranked = rectangles[np.argsort(scores.max(axis=1), kind="stable")]
-    return [ProposedRegion(RotatedRectangle(*ranked[k]), 0.5) for k in spread(ranked, job.count)]
+    return [ProposedRegion(RotatedRectangle(*ranked[k]), 0.5) for k in suppress_overlapping(ranked, job.count)]
 
 
 def _scoring(job: Job) -> scans.Scoring:
@@ -210,13 +216,13 @@ def _scoring(job: Job) -> scans.Scoring:
 
 def _truths(view: LabelView, job: Job) -> list[Pose]:
     names = ("hidden offset", job.seed, job.target.name)
-    return [offset_about(view.scene.centroid, generator(*names, k)) for k in range(job.offsets)]
+    return [draw_offset_about(view.scene.centroid, generator(*names, k)) for k in range(job.offsets)]
 
 
-def _errors(
-    view: LabelView, rectangles: Sequence[RotatedRectangle], job: Job, foretold: bool = False
+def _scan_rectangles(
+    view: LabelView, rectangles: Sequence[RotatedRectangle], job: Job, ask: bool = False
 ) -> tuple[Array, Array, int]:
-    """Errors (r, o), m, what was foretold of them (r,), m, and how many rectangles have no path."""
+    """Errors (r, o), m, the predicted errors (r,), m, and how many rectangles have no path."""
     errors = np.full((len(rectangles), job.offsets), np.nan)
     scoring = _scoring(job)
     paths = [None] * len(rectangles) if job.setup == PAPER else scans.paths_of(view, rectangles, scoring)
@@ -224,14 +230,14 @@ def _errors(
         for k, rectangle in enumerate(rectangles):
             rng = generator("one scan", *job.key, job.seed, k, o)
             if job.setup == PAPER:
-                errors[k, o] = _cut_error(view, rectangle, truth, rng)
+                errors[k, o] = _scan_by_cutting(view, rectangle, truth, rng)
             else:
-                errors[k, o], _ = scans.after_scan(view, paths[k], truth, scoring, rng)
-    foreseen = scans.foreseen(view, paths, scoring) if foretold else np.zeros(0)
-    return errors, foreseen, 0 if job.setup == PAPER else paths.count(None)
+                errors[k, o], _ = scans.scan_and_register(view, paths[k], truth, scoring, rng)
+    predicted = scans.predict_errors(view, paths, scoring) if ask else np.zeros(0)
+    return errors, predicted, 0 if job.setup == PAPER else paths.count(None)
 
 
-def _cut_error(view: LabelView, rectangle: RotatedRectangle, truth: Pose, rng: np.random.Generator) -> float:
+def _scan_by_cutting(view: LabelView, rectangle: RotatedRectangle, truth: Pose, rng: np.random.Generator) -> float:
     """m: the paper's own setting; the whole object counts, not only what was cut out."""
     scene = view.scene
     points = cut(view.case, truth.apply(scene.cloud), rectangle.shifted(*view.origin), rng)

@@ -1,4 +1,4 @@
-"""What the rows of one setup come to: by object and proposer, and against the oracle."""
+"""Statistics of the rows of one setup: by object and proposer, and relative to the oracle."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from one_scan import CANDIDATES, Row
-from oracle import chance, gap_closed, hindsight, oracle, ranked
 
+from experiments.one_scan import CANDIDATES, Row
+from experiments.oracle import chance, gap_closed, hindsight, oracle, ranked
 from pretouch.geometry import Array
 
 LARGE = 0.01
@@ -42,7 +42,7 @@ class Overall:
         best_on: objects on which no other proposer's mean is lower.
         given: rectangles a view.
         pathless: share of the rectangles that cannot be scanned.
-        gap, gap_hindsight: share of the gain from chance to the oracle that it takes, and to the one with hindsight;
+        gap, gap_hindsight: share of the gain from chance to the oracle that it achieves, and to the one with hindsight;
             NaN without candidates.
     """
 
@@ -62,13 +62,13 @@ class Overall:
 
 @dataclass(frozen=True)
 class Ends:
-    """Both ends of the gain, and what the registrar's own choice takes of it; m, means over `targets` views."""
+    """Chance and oracle, and the registrar's own choice between them; m, means over `targets` views."""
 
     targets: int
     chance: float
     oracle: float
     hindsight: float
-    foreseen: float
+    predicted: float
 
 
 def cell(rows: Sequence[Row]) -> Cell | None:
@@ -101,13 +101,13 @@ def ends(rows: Sequence[Row]) -> Ends | None:
     scanned = [row for row in rows if row.subject == CANDIDATES and row.errors]
     if not scanned:
         return None
-    foreseen = [ranked(row.errors, row.foreseen) for row in scanned if row.foreseen]
+    predicted = [ranked(row.errors, row.predicted) for row in scanned if row.predicted]
     return Ends(
         targets=len(scanned),
         chance=_mean([chance(row.errors) for row in scanned]),
         oracle=_mean([oracle(row.errors) for row in scanned]),
         hindsight=_mean([hindsight(row.errors) for row in scanned]),
-        foreseen=_mean(foreseen) if foreseen else float("nan"),
+        predicted=_mean(predicted) if predicted else float("nan"),
     )
 
 
@@ -147,7 +147,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _gaps(rows: Sequence[Row], given: Sequence[Row]) -> tuple[float, float]:
-    """The share of the gain that the proposer of the rows `given` takes where there are candidates too."""
+    """The share of the gain that the proposer of the rows `given` achieves, on targets with candidates."""
     targets = {row.target for row in given}
     between = ends([row for row in rows if row.target in targets])
     if between is None:

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from one_scan import ALGORITHM_1, CANDIDATES, PAPER, Row
-from one_scan_figures import cells, ends
-from one_scan_text import PAPER_MEAN, PAPER_TABLE, TITLES
 from pretouch_simulation.reliability import save_small
+
+from experiments.one_scan import ALGORITHM_1, CANDIDATES, PAPER, Row
+from experiments.one_scan_figures import cells, ends
+from experiments.one_scan_text import PAPER_MEAN, PAPER_TABLE, TITLES
 
 COLOURS = {"random": "#999999", "narf": "#e6a000", "stability": "#377eb8", "deep": "#1b7837", ALGORITHM_1: "#984ea3"}
 _WIDTH = 0.8

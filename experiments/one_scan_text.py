@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from one_scan import CANDIDATES, PAPER, Row
-from one_scan_figures import Cell, cells, ends, initial, overall
-from oracle import BEST, gap_closed
+from pretouch_simulation.markdown import markdown_table
+
+from experiments.one_scan import CANDIDATES, PAPER, Row
+from experiments.one_scan_figures import Cell, cells, ends, initial, overall
+from experiments.oracle import BEST, gap_closed
 
 PAPER_TABLE: dict[str, dict[str, tuple[float, float]]] = {
     name: {"random": random, "narf": narf, "deep": deep}
@@ -53,7 +55,7 @@ def section(rows: Sequence[Row], setup: str, missing: dict[str, str]) -> str:
         missing: proposers that are not ready, and why.
     """
     rows = [row for row in rows if row.setup == setup]
-    lines = [f"## {TITLES[setup]}", "", _about(rows), "", *_NOTES.get(setup, ()), *_objects(rows, missing), ""]
+    lines = [f"## {TITLES[setup]}", "", _about(rows), "", *_NOTES.get(setup, ()), _objects(rows, missing)]
     lines += [*_overall(rows), "", *_oracle(rows)]
     lines += [f"`{name}` is left out: {reason}\n" for name, reason in missing.items()]
     lines += [f"Failed: {row.target}, {row.subject}: {row.problem}\n" for row in rows if row.problem]
@@ -72,40 +74,39 @@ def _about(rows: Sequence[Row]) -> str:
     )
 
 
-def _objects(rows: Sequence[Row], missing: dict[str, str]) -> list[str]:
+def _objects(rows: Sequence[Row], missing: dict[str, str]) -> str:
     table = cells(rows)
     subjects = list(dict.fromkeys(row.subject for row in rows if row.subject != CANDIDATES))
     first = next(row.count for row in rows if row.subject != CANDIDATES)
     known = any(name in PAPER_TABLE for name in table)
     headings = ["object", *subjects, *missing]
     headings += [f"paper: {name}" for name in PAPER_MEAN] if known else []
-    lines = [_line(headings), _line(["---"] * len(headings))]
+    lines = []
     for name, by_subject in table.items():
         most = first * len({row.target for row in rows if row.object == name})
         found = [_cell(by_subject[subject], most) for subject in subjects] + [_DASH] * len(missing)
         printed = [_pair(PAPER_TABLE.get(name, {}).get(column)) for column in PAPER_MEAN] if known else []
-        lines.append(_line([name, *found, *printed]))
+        lines.append([name, *found, *printed])
     means = [(one.mean, one.std_runs) if (one := overall(rows, subject)) else None for subject in subjects]
     averages = [_DASH if pair is None else _pair((100 * pair[0], 100 * pair[1])) for pair in means]
     averages += [_DASH] * len(missing) + ([_pair(PAPER_MEAN[name]) for name in PAPER_MEAN] if known else [])
-    return [*lines, _line(["**mean**", *averages])]
+    return markdown_table(headings, [*lines, ["**mean**", *averages]])
 
 
 def _overall(rows: Sequence[Row]) -> list[str]:
     objects = len(cells(rows))
-    lines = [_line(_HEADINGS), _line(["---"] * len(_HEADINGS))]
+    lines = []
     for subject in dict.fromkeys(row.subject for row in rows if row.subject != CANDIDATES):
         one = overall(rows, subject)
         if one is None:
-            lines.append(_line([subject, "0", *[_DASH] * (len(_HEADINGS) - 2)]))
+            lines.append([subject, "0", *[_DASH] * (len(_HEADINGS) - 2)])
             continue
         errors = (one.mean, one.std_runs, one.std_proposals, one.median, one.p95)
         parts = [subject, str(one.runs), *map(_cm, errors), f"{one.large:.0%}", f"{one.best_on} of {objects}"]
         parts += [f"{one.given:.1f}", f"{one.pathless:.0%}", _share(one.gap), _share(one.gap_hindsight)]
-        lines.append(_line(parts))
+        lines.append(parts)
     return [
-        *lines,
-        "",
+        markdown_table(_HEADINGS, lines),
         "Standard deviation of proposals: of their errors, each averaged over the offsets. Mean and both deviations "
         "are averaged over the objects, as the paper's last row is.",
     ]
@@ -116,22 +117,20 @@ def _oracle(rows: Sequence[Row]) -> list[str]:
     if between is None:
         return []
     count = next(row.count for row in rows if row.subject == CANDIDATES and row.errors)
-    chosen = [("chance: all candidates", between.chance), ("PredictScans' ten best", between.foreseen)]
+    chosen = [("chance: all candidates", between.chance), ("PredictScans' ten best", between.predicted)]
     chosen += [(f"oracle: its {BEST} best", between.oracle), ("in hindsight", between.hindsight)]
     lines = [
         f"What there is to gain: {count} random candidates on each of {between.targets} views, all scanned with the "
         "same offsets. The oracle chooses by every other offset and is judged by the rest, both ways; with few offsets "
         "it chooses by luck too, so that the true best lies between it and hindsight, chosen and judged alike.",
         "",
-        _line(["chosen among the candidates", "mean", "of the gain"]),
-        _line(["---"] * 3),
     ]
-    lines += [
-        _line([name, _cm(error), _share(gap_closed(between.chance, error, between.oracle))])
+    table = [
+        [name, _cm(error), _share(gap_closed(between.chance, error, between.oracle))]
         for name, error in chosen
         if not math.isnan(error)
     ]
-    return [*lines, ""]
+    return [*lines, markdown_table(["chosen among the candidates", "mean", "of the gain"], table)]
 
 
 def _cell(found: Cell | None, most: int) -> str:
@@ -152,7 +151,3 @@ def _cm(metres: float) -> str:
 
 def _share(value: float) -> str:
     return _DASH if math.isnan(value) else f"{value:.0%}"
-
-
-def _line(parts: Sequence[str]) -> str:
-    return "| " + " | ".join(parts) + " |"

@@ -1,7 +1,7 @@
-"""How much of the possible gain a proposer takes: random rectangles at one end, the best candidates at the other.
+"""The share of the possible gain that a proposer achieves, between random rectangles and the best candidates.
 
-What is best by simulated scans is best by luck too. So the oracle chooses by one half of the hidden offsets and is
-judged by the other half, and the other way round; choosing and judging by the same ones would promise too much.
+Candidates that are best in simulated scans are so partly by chance. So the oracle chooses by one half of the hidden
+offsets and is scored on the other half, and vice versa; choosing and scoring on the same ones would be too optimistic.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ def chance(errors: ArrayLike) -> float:
 
 
 def oracle(errors: ArrayLike, best: int = BEST) -> float:
-    """m: mean error of the `best` candidates of (c, o), chosen by every other offset and judged by the rest, both ways.
+    """m: mean error of the `best` candidates of (c, o), chosen by every other offset and scored on the rest, both ways.
 
-    NaN if there are fewer than two offsets: nothing is left to judge by.
+    NaN if there are fewer than two offsets: nothing is left to score on.
     """
     every = np.asarray(errors, dtype=np.float64)
     halves = every[:, ::2], every[:, 1::2]
@@ -34,7 +34,7 @@ def oracle(errors: ArrayLike, best: int = BEST) -> float:
 
 
 def hindsight(errors: ArrayLike, best: int = BEST) -> float:
-    """m: as `oracle`, chosen and judged by the same offsets: better than any chooser can hope to be."""
+    """m: as `oracle`, chosen and scored on the same offsets, an upper bound for any choice."""
     every = np.asarray(errors, dtype=np.float64)
     return _chosen(every, every, best)
 
@@ -46,7 +46,7 @@ def ranked(errors: ArrayLike, by: ArrayLike, best: int = BEST) -> float:
 
 
 def gap_closed(random: float, achieved: float, best: float) -> float:
-    """The share of the way from `random` to `best` that `achieved` goes; NaN where there is no way to go."""
+    """The share of the way from `random` to `best` that `achieved` goes; NaN if `best` is no better than `random`."""
     return (random - achieved) / (random - best) if random > best else math.nan
 
 

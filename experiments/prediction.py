@@ -1,6 +1,6 @@
-"""How well the registrar foresees what a scan is worth: its predictions against what the scans then achieve.
+"""How well the registrar predicts what a scan is worth: its predictions against what the scans then achieve.
 
-    python experiments/prediction.py [--meshes DIR] [--scenes 12] [--offsets 16] [--out docs/results]
+    python -m experiments.prediction [--meshes DIR] [--scenes 12] [--offsets 16] [--out docs/results]
 
 Each scene is one view of a mesh with a dozen random rectangles. After zero, one and two scans that are the same
 rectangles in every session, each remaining candidate's error is predicted by `predict`, then scanned in the true world
@@ -13,8 +13,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import os
-import sys
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -29,15 +27,17 @@ from pretouch_registrar.registration import Registrar, Settings
 from pretouch_simulation.fingers.thin_beam import ThinBeam
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.labels.view import LabelView
+from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
-from pretouch_simulation.protocol import Case, generator, hidden_offset, make_case
+from pretouch_simulation.protocol import Case, draw_hidden_offset, generator, make_case
 from pretouch_simulation.split import Split
 from rich.console import Console
 from rich.progress import track
 from scipy.stats import spearmanr
 
-from pretouch.errors import PretouchError
+from experiments.command_line import command_of, run_or_exit
+from experiments.folders import RESULTS, SHARED
 from pretouch.estimate import Estimate
 from pretouch.geometry import Pose
 from pretouch.rectangle import RotatedRectangle
@@ -46,11 +46,10 @@ from pretouch.session import Planner, Proposer, ScanSettings, SessionRequest
 from pretouch.tof import Scan
 from pretouch.trajectory import Trajectory
 
-SHARED = Path(os.environ.get("PRETOUCH_SHARED", Path(__file__).resolve().parents[2] / "shared"))
 STAGES = (0, 1, 2)
 """Scans made before the candidates are compared."""
 TIMED = 20
-"""Candidates in a call whose time is taken."""
+"""Candidates in a call that is timed."""
 BEST = 3
 
 
@@ -82,7 +81,7 @@ class Comparison:
 
     Attributes:
         present: (o,) the error before the candidate's scan.
-        predicted, achieved: (c, o) the expected error foreseen, and the error once the candidate is scanned.
+        predicted, achieved: (c, o) the predicted error, and the error once the candidate is scanned.
         milliseconds: per call of `predict` with TIMED candidates, (o,).
     """
 
@@ -120,12 +119,8 @@ def main() -> None:
     parser.add_argument("--offsets", type=int, default=16)
     parser.add_argument("--candidates", type=int, default=12)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[1] / "docs" / "results")
-    arguments = parser.parse_args()
-    try:
-        run(arguments)
-    except PretouchError as error:
-        sys.exit(f"{error.detail} {error.remedy}")
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    run_or_exit(parser.parse_args(), run)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -136,7 +131,7 @@ def run(arguments: argparse.Namespace) -> None:
         comparisons += [compare(view, stage, arguments.offsets, arguments.seed) for stage in STAGES]
     arguments.out.mkdir(parents=True, exist_ok=True)
     content = {
-        "command": " ".join(["python", "experiments/prediction.py", *sys.argv[1:]]),
+        "command": command_of("prediction"),
         "split": arguments.split.value,
         "seed": arguments.seed,
         "rows": [asdict(comparison) for comparison in comparisons],
@@ -148,7 +143,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def views_of(folder: Path, split: Split, candidates: int, seed: int) -> Iterable[View]:
-    """Views of the split's meshes in an order fixed by their names, those left out that have too few candidates."""
+    """Views of the split's meshes in an order fixed by their names, without those with too few candidates."""
     for path in meshes_in(folder, split=split):
         view = view_of(make_case(path.stem, load_mesh(path), 0, seed), candidates)
         if view is not None:
@@ -184,14 +179,14 @@ def compare(view: View, stage: int, offsets: int, seed: int) -> Comparison:
         present.append(session.error(session.estimate))
         paths = session.paths()
         predicted.append(session.registrar.predict(view.scene, session.scans, Settings(), paths))
-        milliseconds.append(_timed(session, paths))
-        achieved.append(session.achieved(paths))
+        milliseconds.append(_time_prediction(session, paths))
+        achieved.append(session.scan_each(paths))
     by_candidate = np.transpose(predicted).tolist(), np.transpose(achieved).tolist()
     return Comparison(view.case.name, stage, present, *by_candidate, milliseconds)
 
 
-def _timed(session: Session, paths: Sequence[Trajectory]) -> float:
-    """ms of a prediction for TIMED candidates, its scans registered before."""
+def _time_prediction(session: Session, paths: Sequence[Trajectory]) -> float:
+    """ms of a prediction for TIMED candidates, without the registration of the earlier scans."""
     many = [paths[k % len(paths)] for k in range(TIMED)]
     started = time.perf_counter()
     session.registrar.predict(session.view.scene, session.scans, Settings(), many)
@@ -200,7 +195,7 @@ def _timed(session: Session, paths: Sequence[Trajectory]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """One hidden offset: the object lies where `truth` moves it from where the camera puts it."""
+    """A session under one hidden offset: `truth` maps the object from where the camera puts it to where it is."""
 
     view: View
     truth: Pose
@@ -220,17 +215,17 @@ class Session:
         planned = plan_paths(self.view.scene, self.view.candidates, self.estimate, ScanSettings())
         return [path for path in planned if path is not None]
 
-    def after(self, path: Trajectory, *name: object) -> Session:
-        """The session once `path` is scanned, its noise fixed by the session's names and `name`."""
+    def scan(self, path: Trajectory, *name: object) -> Session:
+        """The session after a scan of `path`, whose noise is seeded by the session's names and `name`."""
         names = (*self.names, *name)
-        scan = self.view.seen.scanned(self.truth, path, ThinBeam(), generator(*names))
+        scan = self.view.seen.scan(self.truth, path, ThinBeam(), generator(*names))
         scans = (*self.scans, scan)
         estimate = self.registrar.register(self.view.scene, scans, Settings())
         return replace(self, scans=scans, estimate=estimate, names=names)
 
-    def achieved(self, paths: Sequence[Trajectory]) -> list[float]:
-        """m: the error after each path, were it scanned next."""
-        after = [self.after(path, "candidate", k) for k, path in enumerate(paths)]
+    def scan_each(self, paths: Sequence[Trajectory]) -> list[float]:
+        """m: the error after a scan of each path, each as the next one."""
+        after = [self.scan(path, "candidate", k) for k, path in enumerate(paths)]
         return [session.error(session.estimate) for session in after]
 
 
@@ -239,38 +234,38 @@ def sessions(view: View, stage: int, offsets: int, seed: int) -> Iterable[Sessio
     registrar = Registrar()
     for k in range(offsets):
         names = ("prediction", seed, view.case.name, k)
-        truth = hidden_offset(view.case.cloud, generator(*names))
+        truth = draw_hidden_offset(view.case.cloud, generator(*names))
         session = Session(view, truth, (), registrar.register(view.scene, (), Settings()), names, registrar)
         for rectangle in view.made[:stage]:
             path = plan_paths(view.scene, [rectangle], session.estimate, ScanSettings())[0]
             if path is not None:
-                session = session.after(path, "made")
+                session = session.scan(path, "made")
         yield session
 
 
 def markdown(comparisons: Sequence[Comparison], split: Split, seed: int) -> str:
     """A line for each number of scans made before; errors in centimetres."""
     sizes = np.shape(comparisons[0].achieved)
-    lines = [
+    note = (
         f"Predicted against achieved errors within a scene: {split} meshes, seed {seed}, {sizes[0]} random rectangles "
         f"a scene, both averaged over {sizes[1]} hidden offsets; ideal finger. Errors in cm. Between halves: how "
-        "well the achieved errors of every other offset rank as those of the rest, which limits any prediction.",
-        "",
-        "| scans before | scenes | Spearman, mean (std) | between halves | present error | three best predicted | "
-        f"three best achieved | ratio | any | mean predicted / achieved | ms for {TIMED} candidates |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    lines += [_line(stage, [c for c in comparisons if c.stage == stage]) for stage in STAGES]
-    return "\n".join(lines) + "\n"
+        "well the achieved errors of every other offset rank as those of the rest, which limits any prediction."
+    )
+    headings = (
+        *("scans before", "scenes", "Spearman, mean (std)", "between halves", "present error", "three best predicted"),
+        *("three best achieved", "ratio", "any", "mean predicted / achieved", f"ms for {TIMED} candidates"),
+    )
+    lines = [_cells(stage, [c for c in comparisons if c.stage == stage]) for stage in STAGES]
+    return f"{note}\n\n{markdown_table(headings, lines)}"
 
 
-def _line(stage: int, chosen: Sequence[Comparison]) -> str:
+def _cells(stage: int, chosen: Sequence[Comparison]) -> tuple[str, ...]:
     correlations = np.array([c.rank_correlation for c in chosen])
     predicted, oracle, chance = (
         100 * float(np.mean([c.best(by) for c in chosen])) for by in ("predicted", "achieved", "chance")
     )
-    foreseen = 100 * _mean([np.mean(c.predicted) for c in chosen])
-    cells = (
+    mean_predicted = 100 * _mean([np.mean(c.predicted) for c in chosen])
+    return (
         str(stage),
         str(len(chosen)),
         f"{correlations.mean():.2f} ({correlations.std():.2f})",
@@ -280,10 +275,9 @@ def _line(stage: int, chosen: Sequence[Comparison]) -> str:
         f"{oracle:.2f}",
         f"{predicted / oracle:.2f}",
         f"{chance:.2f}",
-        f"{foreseen:.2f} / {chance:.2f}",
+        f"{mean_predicted:.2f} / {chance:.2f}",
         f"{np.median([ms for c in chosen for ms in c.milliseconds]):.0f}",
     )
-    return "| " + " | ".join(cells) + " |"
 
 
 def _mean(values: Sequence[Any]) -> float:

@@ -1,4 +1,4 @@
-"""What proposers propose, in contact sheets: depth, the object's outline and the first rectangles."""
+"""Contact sheets of proposals: depth, the object's outline and the first rectangles."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from pretouch_detector.proposals.region import ProposedRegion
 from pretouch_simulation.reliability import save_small
 
+from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 
 _COLUMNS = 4
 _DEPTH_MARGIN = 0.03
-"""m beyond the object's depths that colours tell apart."""
+"""m by which the colour scale reaches beyond the object's depths."""
 
 
 @dataclass(frozen=True, eq=False)

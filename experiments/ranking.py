@@ -1,12 +1,12 @@
-"""How well each ranking of a view's rectangles foretells what scanning them achieves.
+"""How well each ranking of a view's rectangles predicts what scanning them achieves.
 
-    python experiments/ranking.py --dataset DIR [--side train|validation] [--out docs/results]
+    python -m experiments.ranking --dataset DIR [--side train|validation] [--out docs/results]
 
 DIR is a dataset of `pretouch labels generate --kind scans`: rectangles of views, some of them scanned on the displaced
-mesh. `foreseen` is the registrar's own slow prediction, `stability` and `deep` are the proposers of these names. Within
-each view Spearman's rank correlation is taken between the foretold errors and the mean error of the trials that were
-made; in the column before it, with `foreseen`, of all rectangles. One trial is mostly the luck of its displacement, so
-that even perfect foresight of the mean stays far below 1.
+mesh. `registrar` is the registrar's own, slow prediction; `stability` and `deep` are the proposers of that name. Within
+each view Spearman's rank correlation is taken between the predicted errors and the mean error of the trials that were
+made, and over all rectangles between the predicted errors and the registrar's prediction. A single trial depends mostly
+on its random displacement, so that even a perfect prediction of the mean stays far below 1.
 """
 
 from __future__ import annotations
@@ -21,26 +21,28 @@ import numpy as np
 from pretouch_detector.proposals import deep
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.training.dataset import SIDES, Dataset, Example
-from scipy.stats import spearmanr
+from pretouch_simulation.markdown import markdown_table
 
+from experiments.rank_correlation import rank_correlation
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
 
 LEAST = 5
-"""Scanned rectangles that a view must have to count."""
+"""The least number of scanned rectangles of a view that counts."""
+REGISTRAR = "registrar"
 Ranking = Callable[[Example], Array]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one ranking in one view.
+    """The outcome of one ranking in one view.
 
     Attributes:
-        foreseen, achieved: Spearman's correlation of the foretold errors with `foreseen`, and with the trials.
+        registrar, achieved: Spearman's correlation of the predicted errors with the registrar's, and with the trials.
         first: m, error achieved by the rectangle that is ranked first of those scanned.
     """
 
-    foreseen: float
+    registrar: float
     achieved: float
     first: float
 
@@ -58,14 +60,14 @@ def main() -> None:
 
 
 def rankings() -> dict[str, Ranking]:
-    """Those that are ready."""
+    """The rankings that are ready."""
     ready: dict[str, Ranking] = {
-        "foreseen": lambda example: example.foreseen,
+        REGISTRAR: lambda example: example.predicted,
         "stability": lambda example: remaining_error(example.scene, example.sensor, example.rectangles)[0],
     }
-    if not deep.not_ready():
+    if not deep.reason_not_ready():
         network = deep.WEIGHTS.network()
-        ready["deep"] = lambda example: deep.foretold(network, example.scene, example.sensor, example.rectangles)
+        ready["deep"] = lambda example: deep.predict_errors(network, example.scene, example.sensor, example.rectangles)
     return ready
 
 
@@ -89,25 +91,21 @@ def report(dataset: Dataset, side: str) -> str:
         least.append(float(errors[scanned].min()))
         for name, ranking in ready.items():
             start = time.perf_counter()
-            foretold = ranking(example)
+            predicted = ranking(example)
             seconds[name] += time.perf_counter() - start
-            first = float(errors[scanned][np.argmin(foretold[scanned])])
+            first = float(errors[scanned][np.argmin(predicted[scanned])])
             outcomes[name].append(
-                Outcome(correlation(foretold, example.foreseen), correlation(foretold[scanned], errors[scanned]), first)
+                Outcome(
+                    rank_correlation(predicted, example.predicted),
+                    rank_correlation(predicted[scanned], errors[scanned]),
+                    first,
+                )
             )
     if not mean:
         raise InvalidInput(
             f"No view of the side {side} has {LEAST} scanned rectangles.", "Give a dataset of --kind scans."
         )
     return _markdown(outcomes, seconds, side, len(objects), mean, least)
-
-
-def correlation(a: Array, b: Array) -> float:
-    """Spearman's, of what is finite; 0 where one of the two is the same throughout: it ranks nothing."""
-    both = np.isfinite(a) & np.isfinite(b)
-    if both.sum() < 2 or np.ptp(a[both]) == 0 or np.ptp(b[both]) == 0:
-        return 0.0
-    return float(spearmanr(a[both], b[both])[0])
 
 
 def _markdown(
@@ -122,16 +120,22 @@ def _markdown(
         "Of those scanned, a rectangle drawn blindly leaves "
         f"{100 * np.mean(mean):.2f} cm, the one with the luckiest trial {100 * np.mean(least):.2f} cm.",
         "",
-        "| ranking | with `foreseen` | with the error achieved | error of the first, cm | ms a view |",
-        "|---|---|---|---|---|",
     ]
+    headings = (
+        "ranking",
+        "with the registrar's prediction",
+        "with the error achieved",
+        "error of the first, cm",
+        "ms a view",
+    )
+    table = []
     for name, each in outcomes.items():
         first = 100 * np.mean([o.first for o in each])
-        duration = "-" if name == "foreseen" else f"{1000 * seconds[name] / n:.0f}"
-        foreseen = "-" if name == "foreseen" else _with_error([o.foreseen for o in each])
+        duration = "-" if name == REGISTRAR else f"{1000 * seconds[name] / n:.0f}"
+        registrar = "-" if name == REGISTRAR else _with_error([o.registrar for o in each])
         achieved = _with_error([o.achieved for o in each])
-        lines.append(f"| {name} | {foreseen} | {achieved} | {first:.2f} | {duration} |")
-    return "\n".join(lines) + "\n"
+        table.append([name, registrar, achieved, f"{first:.2f}", duration])
+    return "\n".join([*lines, markdown_table(headings, table)])
 
 
 def _with_error(values: list[float]) -> str:

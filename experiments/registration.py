@@ -1,12 +1,12 @@
-"""What the registrar is worth: its engines side by side, whether their uncertainty is honest, and where it fails.
+"""The registrar's engines compared: their errors, whether their uncertainty is honest, and where they fail.
 
-    python experiments/registration.py [--meshes DIR] [--split validation] [--limit 40] [--analogues DIR] [--views 4]
+    python -m experiments.registration [--meshes DIR] [--split validation] [--limit 40] [--analogues DIR] [--views 4]
         [--scans 5] [--engines paper ...] [--sensors ideal vl6180x] [--shared-scans] [--out docs/results]
 
 The protocol of `pretouch evaluate`, proposer `random`, on two folders: the validation side of the training meshes and
 the analogues of the paper's Table 1. Parameters are chosen on the other side, `train`. Writes registration.md,
-registration.json and pictures. A run that was stopped goes on when it is started again; what is done by then lies
-beside the results. DIRs are data/meshes/train and data/meshes/table1 of PRETOUCH_SHARED unless given.
+registration.json and pictures. A run that was stopped goes on when it is started again; finished runs lie beside
+the results. DIRs are data/meshes/train and data/meshes/table1 of PRETOUCH_SHARED unless given.
 """
 
 from __future__ import annotations
@@ -14,22 +14,19 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import shlex
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from collecting import SHARED
-from command_line import start
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol, steps_of
-from pretouch_simulation.evaluation_comparison import compared, comparison_table
+from pretouch_simulation.evaluation import run_steps
+from pretouch_simulation.evaluation_comparison import compare_engines, comparison_table
 from pretouch_simulation.evaluation_honesty import honesty
 from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
+from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_summary import by_setup, states_after, summaries
 from pretouch_simulation.evaluation_table import by_scan, honesty_table
@@ -44,15 +41,17 @@ from pretouch_simulation.worst import diagnose, worst_runs
 from pretouch_simulation.worst_picture import Failure, save_worst
 from rich.console import Console
 
+from experiments.command_line import command_of, run_resumable
+from experiments.folders import SHARED
 from pretouch.session import Planner, Proposer
 
 ENGINES = [*(engine for engine in Engine if engine is not Engine.POSTERIOR), Engine.POSTERIOR]
-SCANS_TOLD, SCANS_DRAWN, SCANS_FAILED = (0, 1, 2, 3, 5), (1, 2, 4), (1, 3)
-"""After how many scans: lines of the tables; lines of the pictures; worst runs."""
+SCANS_REPORTED, SCANS_DRAWN, SCANS_FAILED = (0, 1, 2, 3, 5), (1, 2, 4), (1, 3)
+"""Numbers of scans after which the tables, the pictures and the worst runs are evaluated."""
 WORST = 5
 SENSORS = (FingerModel.IDEAL, FingerModel.VL6180X)
 PEER = "point_to_plane"
-"""The engine that the last one is compared with by object."""
+"""The engine with which the last one is compared by object."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def main() -> None:
     parser.add_argument("--engines", type=Engine, nargs="+", choices=list(Engine), default=ENGINES)
     parser.add_argument("--sensors", type=FingerModel, nargs="+", choices=list(FingerModel), default=SENSORS)
     parser.add_argument("--shared-scans", action="store_true", help="all engines match the scans that the last plans")
-    start(parser, run)
+    run_resumable(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -108,16 +107,16 @@ def run(arguments: argparse.Namespace) -> None:
     out.mkdir(parents=True, exist_ok=True)
     texts, content, partials = [_introduction(arguments)], {}, []
     for part in parts:
-        kept = PartialResults(out / f"registration-{part.name}", first)
+        kept = PartialResults(out / f"registration-{part.name}", first, "--out")
         known, started = len(kept.runs), time.perf_counter()
         runs = run_with_progress(part.tasks, protocols, arguments.workers, kept, Console(stderr=True), part.name)
         if made := len(kept.runs) - known:
             pace = (time.perf_counter() - started) / made
             print(f"{part.name}: {made} runs, {pace:.2f} s of wall clock each")
-        text, content[part.name] = _results(part, runs, first, out)
+        text, content[part.name] = _write_results(part, runs, first, out)
         texts.append(text)
         partials.append(kept)
-    command = shlex.join(["python", "experiments/registration.py", *sys.argv[1:]])
+    command = command_of("registration")
     (out / "registration.json").write_text(json.dumps({"command": command, "seed": 0, "parts": content}) + "\n")
     (out / "registration.md").write_text("\n".join(texts))
     for kept in partials:
@@ -131,7 +130,7 @@ def _introduction(arguments: argparse.Namespace) -> str:
         if arguments.shared_scans
         else "Each engine drives its own sessions; `ms` is from a scan's samples to the next plan, opening included."
     )
-    command = shlex.join(["python", "experiments/registration.py", *sys.argv[1:]])
+    command = command_of("registration")
     return (
         "# What the registrar is worth\n\n"
         f"`{command}`, seed 0: proposer `random`, planner `information`. {how} Errors are the mean distance of the "
@@ -140,34 +139,34 @@ def _introduction(arguments: argparse.Namespace) -> str:
     )
 
 
-def _results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> tuple[str, dict[str, Any]]:
-    """The part's section of the report, its pictures written, and its content for programs."""
-    told = [scan for scan in SCANS_TOLD if scan <= protocol.scans]
+def _write_results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> tuple[str, dict[str, Any]]:
+    """Writes the part's pictures; its section of the report, and its content for programs."""
+    reported = [scan for scan in SCANS_REPORTED if scan <= protocol.scans]
     drawn = [scan for scan in SCANS_DRAWN if scan <= protocol.scans]
     engines = list(dict.fromkeys(setup.engine for setup in by_setup(runs)))
     meshes = len({run.mesh for run in runs})
-    lines = [f"## {part.title}\n", f"{meshes} objects, {len(part.tasks)} views.\n", by_scan(runs, told).markdown()]
-    lines.append(f"### Truth in the stated regions\n\n{honesty_table(runs, told).markdown()}")
+    lines = [f"## {part.title}\n", f"{meshes} objects, {len(part.tasks)} views.\n", by_scan(runs, reported).markdown()]
+    lines.append(f"### Truth in the stated regions\n\n{honesty_table(runs, reported).markdown()}")
     lines += [f"Failed: {run.mesh}, view {run.view}, {run.engine}: {run.problem}\n" for run in runs if run.problem]
     subject = engines[-1]
     objects: dict[str, Any] = {}
     for other in engines[:-1]:
-        pairs = compared(runs, told[-1], subject, other)
+        pairs = compare_engines(runs, reported[-1], subject, other)
         objects[other] = [asdict(pair) for pair in pairs]
         if other == (PEER if PEER in engines[:-1] else engines[-2]):
-            lines.append(f"### By object, after scan {told[-1]}\n\n{comparison_table(pairs, subject, other)}")
+            lines.append(f"### By object, after scan {reported[-1]}\n\n{comparison_table(pairs, subject, other)}")
     pictures = {"reliability": save_reliability, "expected": save_expected_errors}
     titles = {"reliability": "Stated regions", "expected": "Stated errors"}
     for name, save in pictures.items():
         path = out / f"registration-{part.name}-{name}.png"
         save(runs, drawn, f"{titles[name]}: {part.title}", path)
         lines.append(f"![{titles[name]}]({path.name})\n")
-    lines += _failures(part, [run for run in runs if run.engine == subject], protocol, out)
+    lines += _picture_failures(part, [run for run in runs if run.engine == subject], protocol, out)
     content = {
-        "summaries": [_finite(asdict(one)) for one in summaries(runs, told)],
-        "honesty": [asdict(one) for one in honesty(runs, told)],
+        "summaries": [_finite(asdict(one)) for one in summaries(runs, reported)],
+        "honesty": [asdict(one) for one in honesty(runs, reported)],
         "reliability": _reliability(runs, drawn),
-        "compared": {"engine": subject, "after": told[-1], "with": objects},
+        "compared": {"engine": subject, "after": reported[-1], "with": objects},
     }
     return "\n".join(lines), content
 
@@ -183,8 +182,8 @@ def _reliability(runs: Sequence[Run], scans: Sequence[int]) -> list[dict[str, An
     return found
 
 
-def _failures(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> list[str]:
-    """Pictures of the worst runs, made once more for it, and their reasons."""
+def _picture_failures(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> list[str]:
+    """Draws the worst runs, which are repeated for it, with their likely causes."""
     lines = ["### The worst runs\n"]
     paths = {path.stem: path for path, _ in part.tasks}
     for sensor in dict.fromkeys(run.sensor for run in runs):
@@ -193,7 +192,7 @@ def _failures(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) ->
             for one in worst_runs([run for run in runs if run.sensor == sensor], scan, WORST):
                 case = make_case(one.mesh, load_mesh(paths[one.mesh]), one.view, protocol.seed, camera=protocol.camera)
                 engine = Engine(one.engine)
-                steps = steps_of(case, replace(protocol, engine=engine, sensor=FingerModel(sensor)), scan)
+                steps = run_steps(case, replace(protocol, engine=engine, sensor=FingerModel(sensor)), scan)
                 record = steps[-1].record
                 title = f"{one.mesh}, view {one.view}"
                 failures.append(Failure(title, case, record, diagnose(case, record, engine)))

@@ -1,6 +1,6 @@
-"""How often a broken fingertip is noticed within its first scans, and a sound one doubted.
+"""How often a broken fingertip is detected within its first scans, and how often a sound one raises a false alarm.
 
-    python experiments/sensor_faults.py [--meshes DIR] [--limit 20] [--seed 0] [--out docs/results]
+    python -m experiments.sensor_faults [--meshes DIR] [--limit 20] [--seed 0] [--out docs/results]
 
 Writes sensor-faults.md. DIR is data/meshes/train of PRETOUCH_SHARED unless given; its side for choosing parameters.
 """
@@ -9,21 +9,19 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import shlex
-import sys
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from collecting import RESULTS, SHARED
 from pretouch_orchestrator.perception.sensor_check import diagnose
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
-from pretouch_simulation.evaluation import Protocol, finger_of, loop_of, request_of
+from pretouch_simulation.evaluation_protocol import Protocol, finger_of, loop_of, request_of
 from pretouch_simulation.finger import Finger, FingerModel
 from pretouch_simulation.fingers.faults import dead, in_millimetres, noise, stuck
+from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.protocol import Case, generator, make_case
@@ -31,6 +29,8 @@ from pretouch_simulation.scanning import scan_along
 from pretouch_simulation.split import Split
 from rich.progress import track
 
+from experiments.command_line import command_of
+from experiments.folders import RESULTS, SHARED
 from pretouch.geometry import Pose
 from pretouch.session import Planner, Proposer, State
 
@@ -54,7 +54,9 @@ class Outcome(NamedTuple):
     state: State
 
 
-async def session(case: Case, protocol: Protocol, registrar: Registrar, fault: Callable[[Finger], Finger]) -> Outcome:
+async def run_session(
+    case: Case, protocol: Protocol, registrar: Registrar, fault: Callable[[Finger], Finger]
+) -> Outcome:
     """The first scans of `case` by the protocol's finger as the fault leaves it."""
     loop, finger = loop_of(protocol, registrar), fault(finger_of(case, protocol))
     request = replace(request_of(case, protocol), sensor=finger.sensor)
@@ -77,12 +79,14 @@ def text(command: str, meshes: int, rows: dict[str, list[Outcome]]) -> str:
         f"Made by `{command}`: {meshes} meshes of the training side, one view each, the first {SCANS} scans of a "
         "session (proposer random, default budget and tolerance). A scan with a verdict is one that was left out; an "
         "empty one is one without any return. The broken fingertips are `ideal` ones but for their fault.\n",
-        "| fingertip | sessions | with a verdict | scans with a verdict | empty scans | over 1 mm worse | converged |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
     ]
+    headings = (
+        *("fingertip", "sessions", "with a verdict", "scans with a verdict", "empty scans", "over 1 mm worse"),
+        "converged",
+    )
+    cells = []
     for name, outcomes in rows.items():
-        cells = [
-            name,
+        counts = [
             len(outcomes),
             sum(outcome.verdicts > 0 for outcome in outcomes),
             sum(outcome.verdicts for outcome in outcomes),
@@ -90,8 +94,8 @@ def text(command: str, meshes: int, rows: dict[str, list[Outcome]]) -> str:
             sum(outcome.error > outcome.initial + 0.001 for outcome in outcomes),
             sum(outcome.state is State.CONVERGED for outcome in outcomes),
         ]
-        lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
-    return "\n".join(lines) + "\n"
+        cells.append([name, *map(str, counts)])
+    return "\n".join([*lines, markdown_table(headings, cells)])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -112,9 +116,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             protocol = Protocol(
                 10, Proposer.RANDOM, Engine.POSTERIOR, Planner.INFORMATION, model, given.seed, tolerance=0.003
             )
-            rows[name].append(asyncio.run(session(case, protocol, registrar, fault)))
-    command = f"python experiments/sensor_faults.py {shlex.join(sys.argv[1:] if arguments is None else arguments)}"
-    (given.out / "sensor-faults.md").write_text(text(command.strip(), len(paths), rows))
+            rows[name].append(asyncio.run(run_session(case, protocol, registrar, fault)))
+    command = command_of("sensor_faults", arguments)
+    (given.out / "sensor-faults.md").write_text(text(command, len(paths), rows))
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Error against the share of the object scanned: the paper's Figs. 5 and 6, and the same with scans planned otherwise.
+"""Error against the share of the object scanned: the paper's Figs. 5 and 6, also for other planners.
 
-    python experiments/sequence.py [--meshes DIR] [--proposers random narf stability deep] [--views 1] [--scans 6]
+    python -m experiments.sequence [--meshes DIR] [--proposers random narf stability deep] [--views 1] [--scans 6]
         [--planners confidence information] [--sensor ideal|vl6180x|cone|random] [--pictures 3] [--out docs/results]
 
 Whole sessions by the evaluation protocol, engine `posterior`: scans in the order of the proposer's confidence, as in
-the paper, beside the order by what the registrar foretells (PredictScans). Writes sequence.md, sequence.json,
+the paper, beside the order by what the registrar predicts (PredictScans). Writes sequence.md, sequence.json,
 sequence.png and, of the first meshes, sequence-clouds.png. DIR is data/meshes/table1 of PRETOUCH_SHARED unless given. A
 run that was stopped goes on when it is started again.
 """
@@ -15,32 +15,32 @@ import argparse
 import json
 import math
 import os
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from collecting import PROPOSERS, SHARED, ready
-from command_line import start
-from kept import Kept
-from pretouch_simulation.evaluation import Step, steps_of, warm_up
+from pretouch_simulation.evaluation import Step, run_steps, warm_up
 from pretouch_simulation.finger import FingerModel
+from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
+from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.protocol import Case, make_case
 from pretouch_simulation.split import Split
-from pretouch_simulation.workers import in_workers
+from pretouch_simulation.workers import run_in_workers
 from rich.console import Console
 from rich.progress import track
-from sequence_picture import save_clouds, save_curves
-from sessions import Course, after_scan, errors_at, protocol_of, reached, run_session
 
+from experiments.collecting import PROPOSERS, split_by_readiness
+from experiments.command_line import command_of, run_resumable
+from experiments.folders import SHARED
+from experiments.sequence_picture import save_clouds, save_curves
+from experiments.sessions import Course, errors_at, means_after_scan, protocol_of, run_session, share_to_reach
 from pretouch.errors import InvalidInput
 from pretouch.session import Planner, Proposer
 
 _SHARES = (0.05, 0.10, 0.15, 0.20, 0.30)
 _SECONDS_A_SCAN = 1.2
-"""Of one core, match and forecast of the next."""
+"""s of one core for registering a scan and predicting the next one."""
 
 
 def main() -> None:
@@ -57,18 +57,20 @@ def main() -> None:
     parser.add_argument("--sensor", type=FingerModel, choices=list(FingerModel), default=FingerModel.IDEAL)
     parser.add_argument("--pictures", type=int, default=3)
     parser.add_argument("--seed", type=int, default=0)
-    start(parser, run)
+    run_resumable(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Makes the sessions and writes everything into `arguments.out`."""
     if min(arguments.views, arguments.scans) < 1:
         raise InvalidInput("There is nothing to scan.", "Give at least one view and one scan.")
-    proposers, missing = ready(arguments.proposers)
+    proposers, missing = split_by_readiness(arguments.proposers)
     paths = meshes_in(arguments.meshes, limit=arguments.limit, split=arguments.split)
     out: Path = arguments.out
-    courses = _courses(arguments, proposers, paths)
-    command = shlex.join(["python", "experiments/sequence.py", *sys.argv[1:]])
+    settings = {"scans": arguments.scans, "sensor": arguments.sensor.value, "seed": arguments.seed}
+    kept = PartialRows(out / "sequence.partial", settings)
+    courses = _run_sessions(arguments, proposers, paths, kept)
+    command = command_of("sequence")
     content = {
         **{"command": command, "seed": arguments.seed, "sensor": arguments.sensor.value, "not_ready": missing},
         "rows": [course.as_dict() for course in courses],
@@ -82,19 +84,19 @@ def run(arguments: argparse.Namespace) -> None:
     save_curves(good, arguments.scans, title, out / "sequence.png")
     if arguments.pictures:
         name = f"scans by {proposers[-1]}, in the order of its confidence (grey: the true object)"
-        save_clouds(_pictured(arguments, proposers[-1], paths), name, out / "sequence-clouds.png")
+        save_clouds(_run_pictured_sessions(arguments, proposers[-1], paths), name, out / "sequence-clouds.png")
         text += "\n![Clouds and scans](sequence-clouds.png)\n"
     text += "".join(f"\n`{name}` is left out: {reason}\n" for name, reason in missing.items())
     failed = [course for course in courses if course.problem]
     text += "".join(f"\nFailed: {one.mesh}, view {one.view}, {one.proposer}: {one.problem}\n" for one in failed)
     (out / "sequence.md").write_text(text)
-    (out / "sequence.partial").unlink(missing_ok=True)
+    kept.remove()
     print(text)
 
 
-def _courses(arguments: argparse.Namespace, proposers: Sequence[Proposer], paths: Sequence[Path]) -> list[Course]:
-    settings = {"scans": arguments.scans, "sensor": arguments.sensor.value, "seed": arguments.seed}
-    kept = Kept(arguments.out / "sequence.partial", settings)
+def _run_sessions(
+    arguments: argparse.Namespace, proposers: Sequence[Proposer], paths: Sequence[Path], kept: PartialRows
+) -> list[Course]:
     found = {course.key: course for course in map(Course.from_dict, kept.rows)}
     wanted = {
         (path.stem, view, proposer.value, planner.value): (path, view, proposer, planner)
@@ -113,22 +115,22 @@ def _courses(arguments: argparse.Namespace, proposers: Sequence[Proposer], paths
     seconds = len(calls) * (1 + arguments.scans * _SECONDS_A_SCAN) / workers
     console.print(f"sessions: {len(calls)} of {len(wanted)} to do, about {seconds:.0f} s in {workers} processes")
     first = protocol_of(proposers[0], arguments.planners[0], 1, arguments.sensor, arguments.seed)
-    made = in_workers(run_session, calls, workers, warm_up, ([first],))
+    made = run_in_workers(run_session, calls, workers, warm_up, ([first],))
     for course in track(made, "sessions", total=len(calls), console=console):
         kept.add(course.as_dict())
         found[course.key] = course
     return [found[key] for key in wanted]
 
 
-def _pictured(
+def _run_pictured_sessions(
     arguments: argparse.Namespace, proposer: Proposer, paths: Sequence[Path]
 ) -> list[tuple[str, Case, list[Step]]]:
-    """Sessions on the first meshes once more, to be drawn."""
+    """Repeats sessions on the first meshes, to be drawn."""
     protocol = protocol_of(proposer, Planner.CONFIDENCE, arguments.scans, arguments.sensor, arguments.seed)
     sessions = []
     for path in track(paths[: arguments.pictures], "pictures", console=Console(stderr=True)):
         case = make_case(path.stem, load_mesh(path), 0, arguments.seed, camera=protocol.camera)
-        sessions.append((f"{path.stem}, view 0", case, steps_of(case, protocol, arguments.scans)))
+        sessions.append((f"{path.stem}, view 0", case, run_steps(case, protocol, arguments.scans)))
     return sessions
 
 
@@ -138,21 +140,22 @@ def markdown(courses: Sequence[Course]) -> str:
     scans = [scan for scan in (1, 2, 3, 5) if any(len(course.errors) >= scan for course in courses)]
     headings = ["order", "proposer", "n", "before", *shares, "0.5 cm at", "0.2 cm at"]
     headings += [f"scan {scan}: cm at %" for scan in scans]
-    lines = ["| " + " | ".join(headings) + " |", "| " + " | ".join(["---"] * len(headings)) + " |"]
+    lines = []
     for planner, proposer in dict.fromkeys((course.planner, course.proposer) for course in courses):
         group = [course for course in courses if (course.planner, course.proposer) == (planner, proposer)]
         cells = [planner, proposer, str(len(group))]
         cells += [f"{100 * error:.2f}" for error in errors_at(group, [0.0, *_SHARES]).mean(axis=0)]
-        cells += [_share(reached(group, level)) for level in (0.005, 0.002)]
-        cells += [f"{100 * error:.2f} at {100 * share:.0f}" for share, error in (after_scan(group, k) for k in scans)]
-        lines.append("| " + " | ".join(cells) + " |")
-    lines += [
-        "",
+        cells += [_share(share_to_reach(group, level)) for level in (0.005, 0.002)]
+        cells += [
+            f"{100 * error:.2f} at {100 * share:.0f}" for share, error in (means_after_scan(group, k) for k in scans)
+        ]
+        lines.append(cells)
+    note = (
         "Mean error in cm. At a share scanned: after the last scan that does not exceed it, so that a session whose "
         "first scan covers more counts with its error before; a session that ended keeps its last. `0.5 cm at`: the "
-        "least share at which the mean is that low.",
-    ]
-    return "\n".join(lines) + "\n"
+        "least share at which the mean is that low."
+    )
+    return f"{markdown_table(headings, lines)}\n{note}\n"
 
 
 def _share(value: float) -> str:

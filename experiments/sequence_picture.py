@@ -8,13 +8,13 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from one_scan_picture import COLOURS
 from pretouch_simulation.evaluation import Step
 from pretouch_simulation.picture import limits, thinned
 from pretouch_simulation.protocol import Case
 from pretouch_simulation.reliability import save_small
-from sessions import Course, after_scan, errors_at
 
+from experiments.one_scan_picture import COLOURS
+from experiments.sessions import Course, errors_at, means_after_scan
 from pretouch.geometry import Array, Pose
 from pretouch.tof import Scan
 
@@ -32,7 +32,7 @@ def save_curves(courses: Sequence[Course], scans: int, title: str, path: Path) -
     figure = Figure(figsize=(6.2 * len(planners), 4.8), layout="constrained")
     figure.suptitle(f"{title}; dots: means after 1, 2, ... scans; thin: mean at each share", fontsize=10)
     panels = figure.subplots(1, len(planners), squeeze=False, sharey=True)[0]
-    furthest = max(after_scan([course], scans)[0] for course in courses)
+    furthest = max(means_after_scan([course], scans)[0] for course in courses)
     for axes, planner in zip(panels, planners, strict=True):
         for proposer in dict.fromkeys(course.proposer for course in courses):
             group = [course for course in courses if (course.proposer, course.planner) == (proposer, planner)]
@@ -41,7 +41,7 @@ def save_curves(courses: Sequence[Course], scans: int, title: str, path: Path) -
             shares = np.linspace(0.0, min(furthest, 0.5), 251)
             curve = _CM * errors_at(group, shares).mean(axis=0)
             axes.plot(100 * shares, curve, color=COLOURS[proposer], lw=1.0, alpha=0.5)
-            marks = np.array([after_scan(group, scan) for scan in range(scans + 1)])
+            marks = np.array([means_after_scan(group, scan) for scan in range(scans + 1)])
             label = f"{proposer}, n = {len(group)}"
             axes.plot(100 * marks[:, 0], _CM * marks[:, 1], "o-", color=COLOURS[proposer], ms=4, lw=1.6, label=label)
         for level in (0.5, 0.2):

@@ -1,4 +1,4 @@
-"""Whole sessions by several proposers and planners, and how their error falls as more of the object is scanned."""
+"""Whole sessions by several proposers and planners, and their error as a function of the share scanned."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol, run_task
+from pretouch_simulation.evaluation import run_task
+from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.evaluation_tasks import MeshTask
 from pretouch_simulation.finger import FingerModel
 
@@ -55,7 +56,7 @@ def protocol_of(proposer: Proposer, planner: Planner, scans: int, sensor: Finger
 
 
 def run_session(path: Path, view: int, proposer: Proposer, planner: Planner, protocol: Protocol) -> Course:
-    """Makes the session; an error of pretouch's own is part of the answer."""
+    """Runs the session; an error of pretouch's own becomes the course's `problem`."""
     run = run_task(MeshTask(path, view), [protocol])[0]
     fractions, errors = (tuple(getattr(row, name) for row in run.rows) for name in ("fraction", "error"))
     return Course(path.stem, view, proposer.value, planner.value, run.initial_error, fractions, errors, run.problem)
@@ -72,15 +73,15 @@ def errors_at(courses: Sequence[Course], fractions: ArrayLike) -> Array:
     return np.array([level[k] for level, k in zip(levels, made, strict=True)]).reshape(len(courses), len(shares))
 
 
-def after_scan(courses: Sequence[Course], scan: int) -> tuple[float, float]:
-    """Mean share scanned and mean error, m, after so many scans; a session that ended earlier counts with its end."""
+def means_after_scan(courses: Sequence[Course], scan: int) -> tuple[float, float]:
+    """Mean share scanned and mean error, m, after `scan` scans; ended sessions count with their last state."""
     fractions = [[0.0, *c.fractions][min(scan, len(c.fractions))] for c in courses]
     errors = [[c.initial, *c.errors][min(scan, len(c.errors))] for c in courses]
     return float(np.mean(fractions)), float(np.mean(np.array(errors, dtype=np.float64)))
 
 
-def reached(courses: Sequence[Course], error: float, upto: float = 1.0) -> float:
-    """The least share, to 0.5 %, at which the mean error is at most `error`, m; NaN if it is nowhere."""
+def share_to_reach(courses: Sequence[Course], error: float, upto: float = 1.0) -> float:
+    """The least share, to 0.5 %, at which the mean error is at most `error`, m; NaN if there is none."""
     shares = np.arange(round(200 * upto) + 1) / 200
     below = errors_at(courses, shares).mean(axis=0) <= error
     return float(shares[np.argmax(below)]) if below.any() else float("nan")

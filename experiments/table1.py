@@ -1,6 +1,6 @@
 """The paper's Table 1, in its own setting and in the real one, with the oracle beside it.
 
-    python experiments/table1.py [--meshes DIR] [--proposers random narf stability deep] [--views 2] [--offsets 4]
+    python -m experiments.table1 [--meshes DIR] [--proposers random narf stability deep] [--views 2] [--offsets 4]
         [--settings real paper] [--sensors ideal vl6180x] [--candidates 60] [--oracle ideal paper] [--oracle-views 1]
         [--out docs/results]
 
@@ -16,20 +16,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from collecting import PROPOSERS, SHARED, collect, jobs_of, ready
-from command_line import start
-from one_scan import ALGORITHM_1, CANDIDATES, PAPER, Job, Row, Target
-from one_scan_picture import save
-from one_scan_text import section
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.mesh_folder import meshes_in
+from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.split import Split
 
+from experiments.collecting import PROPOSERS, jobs_of, run_jobs, split_by_readiness
+from experiments.command_line import command_of, run_resumable
+from experiments.folders import SHARED
+from experiments.one_scan import ALGORITHM_1, CANDIDATES, PAPER, Job, Row, Target
+from experiments.one_scan_picture import save
+from experiments.one_scan_text import section
 from pretouch.errors import InvalidInput, Malformed
 from pretouch.session import Proposer
 
@@ -53,22 +53,23 @@ def main() -> None:
     parser.add_argument("--oracle", nargs="*", choices=[*FingerModel, PAPER], default=[FingerModel.IDEAL, PAPER])
     parser.add_argument("--oracle-views", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
-    start(parser, run)
+    run_resumable(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Makes what is asked for and writes everything into `arguments.out`."""
+    """Runs the jobs and writes everything into `arguments.out`."""
     if min(arguments.views, arguments.offsets) < 1 or arguments.candidates < 0:
         raise InvalidInput("There is nothing to scan.", "Give at least one view and one offset.")
-    proposers, missing = ready(arguments.proposers)
+    proposers, missing = split_by_readiness(arguments.proposers)
     jobs = jobs_for(arguments, proposers)
     settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
     out: Path = arguments.out
-    rows = collect(jobs, arguments.workers, out / "table1.partial", settings, "table 1")
+    kept = PartialRows(out / "table1.partial", settings)
+    rows = run_jobs(jobs, arguments.workers, kept, "table 1")
     if not any(row.errors for row in rows):
         raise InvalidInput("Nothing could be scanned.", "Give meshes that can be seen; the reasons are above.")
-    command = shlex.join(["python", "experiments/table1.py", *sys.argv[1:]])
-    earlier, commands = fitting(out / "table1.json", rows, jobs)
+    command = command_of("table1")
+    earlier, commands = read_fitting_rows(out / "table1.json", rows, jobs)
     rows = sorted([*earlier, *rows], key=lambda row: (row.target, _ORDER.index(row.subject)))
     commands = list(dict.fromkeys([*commands, command]))
     setups = [setup for setup in _setups(SETTINGS, list(FingerModel)) if any(row.setup == setup for row in rows)]
@@ -81,12 +82,12 @@ def run(arguments: argparse.Namespace) -> None:
     save([row for setup in setups for row in rows if row.setup == setup], out / "table1.png")
     text.append("![Errors by object](table1.png)\n")
     (out / "table1.md").write_text("\n".join(text))
-    (out / "table1.partial").unlink(missing_ok=True)
+    kept.remove()
     print("\n".join(text))
 
 
 def jobs_for(arguments: argparse.Namespace, proposers: Sequence[Proposer]) -> list[Job]:
-    """A view's jobs come together: a worker keeps the last few views."""
+    """The jobs, those of a view together, since a worker caches the last few views."""
     jobs = []
     for view in range(arguments.views):
         for path in meshes_in(arguments.meshes, limit=arguments.limit, split=arguments.split):
@@ -105,10 +106,10 @@ def _setups(settings: Sequence[str], sensors: Sequence[FingerModel]) -> list[str
     return [*real, PAPER] if PAPER in settings else real
 
 
-def fitting(path: Path, rows: Sequence[Row], jobs: Sequence[Job]) -> tuple[list[Row], list[str]]:
-    """The rows of an earlier run that fit beside the new ones, and its commands; neither if none fit.
+def read_fitting_rows(path: Path, rows: Sequence[Row], jobs: Sequence[Job]) -> tuple[list[Row], list[str]]:
+    """Reads the rows of an earlier run that fit beside the new ones, and its commands; neither if none fit.
 
-    Those on other objects do not, nor do those that were made anew, with other offsets, or on other views than these.
+    Rows on other objects do not fit, nor do rows that were repeated, or have other offsets or other views.
 
     Raises:
         Malformed: the earlier run's file cannot be read.
@@ -117,7 +118,7 @@ def fitting(path: Path, rows: Sequence[Row], jobs: Sequence[Job]) -> tuple[list[
         return [], []
     try:
         content = json.loads(path.read_text())
-        every = [Row(**values) for values in content["rows"]]
+        every = [Row.from_dict(values) for values in content["rows"]]
         commands = list(content["commands"])
     except (ValueError, KeyError, TypeError) as error:
         raise Malformed(f"{path} is not a table of this version.", "Delete it, or choose another --out.") from error

@@ -1,11 +1,11 @@
-"""What carries over to real depth frames, on which nothing was trained or tuned.
+"""Proposers on real depth frames, on which nothing was trained or tuned.
 
-    python experiments/transfer.py [--frames DIR] [--scenes DIR] [--proposers random narf stability deep] [--offsets 4]
+    python -m experiments.transfer [--frames DIR] [--scenes DIR] [--proposers random narf stability deep] [--offsets 4]
         [--settings real paper] [--sensor ideal|vl6180x|cone|random] [--candidates 0] [--sheet 12] [--out docs/results]
 
 With ground truth (`--frames`, data/real_depth/ycb_video of PRETOUCH_SHARED unless given): the first and the last frame
 of each video, every object with more than 1000 pixels of depth; each of a proposer's first ten rectangles is scanned
-alone, as by table1.py. Without (`--scenes`, data/real_depth/mosd_kinect_v1): proposals only, a contact sheet for each
+alone, as by table1. Without (`--scenes`, data/real_depth/mosd_kinect_v1): proposals only, a contact sheet for each
 proposer. Writes transfer.md, transfer.json, transfer.png and transfer-<proposer>.png. A run that was stopped goes on
 when it is started again.
 """
@@ -14,35 +14,35 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
-import sys
 import time
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from collecting import PROPOSERS, SHARED, collect, jobs_of, ready
-from command_line import start
-from one_scan import PAPER, Job, Target, first_regions
-from one_scan_picture import save
-from one_scan_text import section
+from pretouch_simulation.evaluation_tasks import MIN_PIXELS
 from pretouch_simulation.finger import FingerModel, realise
 from pretouch_simulation.frames import load_frame
 from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks
+from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.protocol import generator
-from pretouch_simulation.split import mixed
-from proposals_picture import Proposed, save_sheet
+from pretouch_simulation.split import mixing_key
 from rich.console import Console
 from rich.progress import track
 
+from experiments.collecting import PROPOSERS, jobs_of, run_jobs, split_by_readiness
+from experiments.command_line import command_of, run_resumable
+from experiments.folders import SHARED
+from experiments.one_scan import PAPER, Job, Target, propose_first
+from experiments.one_scan_picture import save
+from experiments.one_scan_text import section
+from experiments.proposals_picture import Proposed, save_sheet
 from pretouch.errors import InvalidInput, NotFound, PretouchError
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 
 FIRST = 10
 DRAWN = 5
-MIN_PIXELS = 1000
 
 
 def main() -> None:
@@ -56,19 +56,20 @@ def main() -> None:
     parser.add_argument("--candidates", type=int, default=0, help="0: no oracle")
     parser.add_argument("--sheet", type=int, default=12, help="views on a contact sheet")
     parser.add_argument("--seed", type=int, default=0)
-    start(parser, run)
+    run_resumable(parser, run)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Makes what is asked for and writes everything into `arguments.out`."""
+    """Runs the jobs and writes everything into `arguments.out`."""
     if arguments.offsets < 1 or arguments.sheet < 1:
         raise InvalidInput("There is nothing to show.", "Give at least one offset and one view.")
-    proposers, missing = ready(arguments.proposers)
+    proposers, missing = split_by_readiness(arguments.proposers)
     out: Path = arguments.out
     settings = {"offsets": arguments.offsets, "seed": arguments.seed, "candidates": arguments.candidates}
     jobs = _jobs(arguments, proposers)
-    rows = collect(jobs, arguments.workers, out / "transfer.partial", settings, "real frames")
-    command = shlex.join(["python", "experiments/transfer.py", *sys.argv[1:]])
+    kept = PartialRows(out / "transfer.partial", settings)
+    rows = run_jobs(jobs, arguments.workers, kept, "real frames")
+    command = command_of("transfer")
     content = {"commands": [command], "not_ready": missing, "rows": [row.as_dict() for row in rows]}
     (out / "transfer.json").write_text(json.dumps(content) + "\n")
     save(rows, out / "transfer.png")
@@ -76,14 +77,14 @@ def run(arguments: argparse.Namespace) -> None:
     text = [f"# Real depth frames\n\nMade by `{command}`. Errors in cm. Frames with ground truth: YCB-Video.\n"]
     text += [section(rows, setup, missing) for setup in setups]
     text.append("![Errors by object](transfer.png)\n")
-    text += _sheets(arguments, proposers, missing)
+    text += _save_sheets(arguments, proposers, missing)
     (out / "transfer.md").write_text("\n".join(text))
-    (out / "transfer.partial").unlink(missing_ok=True)
+    kept.remove()
     print("\n".join(text))
 
 
 def frames_of(folder: Path) -> list[Path]:
-    """The first and the last frame of each video, whose name is what comes before `_`: between, views hardly differ.
+    """The first and the last frame of each video, named by what comes before `_`: the views between hardly differ.
 
     Raises:
         NotFound: there are none.
@@ -110,9 +111,9 @@ def _jobs(arguments: argparse.Namespace, proposers: Sequence[Proposer]) -> list[
     return jobs
 
 
-def _sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missing: dict[str, str]) -> list[str]:
-    """The contact sheets written, and the section that shows them."""
-    views = _views(arguments.scenes, arguments.sheet)
+def _save_sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missing: dict[str, str]) -> list[str]:
+    """Writes the contact sheets; the section that shows them."""
+    views = _load_views(arguments.scenes, arguments.sheet)
     text = [
         "## Proposals on real scenes without ground truth\n",
         f"mOSD, Kinect v1: {len(views)} objects of as many frames, chosen by a hash of their names. The first {DRAWN} "
@@ -123,7 +124,7 @@ def _sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missin
         for task, scene in views:
             started = time.perf_counter()
             sensor = realise(arguments.sensor, generator("finger-model", arguments.seed, task.name)).sensor
-            regions = first_regions(scene, proposer, sensor, FIRST)
+            regions = propose_first(scene, proposer, sensor, FIRST)
             times.append(time.perf_counter() - started)
             best = f", best {regions[0].confidence:.2f}" if regions else ""
             shown.append(Proposed(f"{task.name}: {len(regions)} regions{best}", scene, regions[:DRAWN]))
@@ -137,9 +138,9 @@ def _sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], missin
     return text + [f"`{name}` is left out: {reason}\n" for name, reason in missing.items()]
 
 
-def _views(folder: Path, count: int) -> list[tuple[FrameTask, Scene]]:
-    """One object each of `count` frames, in an order fixed by the names; those that show none are passed over."""
-    tasks = sorted(frame_tasks(folder), key=lambda task: (mixed(task.file.stem), mixed(task.name)))
+def _load_views(folder: Path, count: int) -> list[tuple[FrameTask, Scene]]:
+    """One object each of `count` frames, in an order fixed by the names; frames without an object are skipped."""
+    tasks = sorted(frame_tasks(folder), key=lambda task: (mixing_key(task.file.stem), mixing_key(task.name)))
     found: list[tuple[FrameTask, Scene]] = []
     for _, group in groupby(tasks, key=lambda task: task.file):
         for task in group:

@@ -1,17 +1,15 @@
-"""What sessions say whose client describes the finger wrongly, or whose mask or depth image is wrong.
+"""Sessions whose client describes the finger wrongly, or whose mask or depth image is wrong.
 
-    python experiments/wrong_input.py [--meshes DIR] [--limit 20] [--seed 0] [--camera random] [--out docs/results]
+    python -m experiments.wrong_input [--meshes DIR] [--limit 20] [--seed 0] [--camera random] [--out docs/results]
 
 Writes wrong-input.md. DIR is data/meshes/train of PRETOUCH_SHARED unless given; its side for reporting. A session has
-the default budget and tolerance; the tip is planned low, so that the finger sees something.
+the default budget and tolerance; the tip is planned low, so that the finger gets returns.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import shlex
-import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,24 +17,28 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from collecting import RESULTS, SHARED
 from numpy.typing import NDArray
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.depth_cameras.fields import smooth_field
-from pretouch_simulation.evaluation import Protocol, finger_of, of_frames, session
+from pretouch_simulation.evaluation import run_session
 from pretouch_simulation.evaluation_honesty import SURE, WRONG
+from pretouch_simulation.evaluation_protocol import Protocol, adapt_to_frames, finger_of
 from pretouch_simulation.finger import Finger, FingerModel
 from pretouch_simulation.fingers.faults import one_stuck
+from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.split import Split
 from pretouch_simulation.tip_height import TipHeight
+from pretouch_simulation.world import World
 from rich.progress import track
 from scipy import ndimage
 
+from experiments.command_line import command_of
+from experiments.folders import RESULTS, SHARED
 from pretouch.camera import DepthImage
 from pretouch.errors import TYPE_PREFIX, PretouchError, wire_of
 from pretouch.geometry import Array, Pose
@@ -48,7 +50,7 @@ Hand = Callable[[Finger], Finger]
 
 
 class Mistake(NamedTuple):
-    """What is wrong in a session with fingertip `model`."""
+    """A mistake in a session with fingertip `model`."""
 
     name: str
     model: FingerModel = FingerModel.IDEAL
@@ -58,18 +60,18 @@ class Mistake(NamedTuple):
 
 @dataclass(frozen=True)
 class Misdescribed:
-    """A `Finger` that states another sensor than it is."""
+    """A `Finger` that is described as another sensor."""
 
     finger: Finger
     sensor: Sensor
 
-    def measure(self, world: object, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
+    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
         """See `Finger.measure`."""
         return self.finger.measure(world, base_T_module, rng)
 
 
 def misdescribed(std: float = 1.0, cone: float = 1.0) -> Hand:
-    """States the standard deviation and the half angle times these factors."""
+    """Describes the finger with its standard deviation and half angle multiplied by these factors."""
 
     def stated(finger: Finger) -> Finger:
         sensor = finger.sensor
@@ -123,8 +125,8 @@ def glass(share: float) -> Image:
 
 
 def with_depth(case: Case, metres: Array) -> Case:
-    """The case with another image (h, w), m; the mask stays where there is a depth, as a client's does."""
-    return replace(case, depth=DepthImage(metres), mask=case.mask & (metres > 0))
+    """The case with another image (h, w), m; the mask keeps only pixels with depth, as a client's does."""
+    return replace(case, depth=DepthImage(metres.astype(np.float32)), mask=case.mask & (metres > 0))
 
 
 IDEAL, CONE = FingerModel.IDEAL, FingerModel.CONE
@@ -150,7 +152,7 @@ MISTAKES = (
 
 
 class Ending(NamedTuple):
-    """Of a session: the error before and at the end, m, whether its 95 % region holds the truth, and what it said."""
+    """The end of a session: errors, m, whether its 95 % region holds the truth, and its state or reason."""
 
     initial: float
     error: float
@@ -159,15 +161,15 @@ class Ending(NamedTuple):
     said: str
 
 
-def ending(case: Case, mistake: Mistake, protocol: Protocol, registrar: Registrar) -> Ending | str:
-    """How the session ends; the error's title where there is none."""
+def run_session_with(case: Case, mistake: Mistake, protocol: Protocol, registrar: Registrar) -> Ending | str:
+    """Runs a session with the mistake; how it ends, or the error's title if it is refused."""
     protocol = replace(protocol, sensor=mistake.model)
     finger = mistake.hand(finger_of(case, protocol))
     initial = case.error(Pose.identity())
     try:
-        steps = asyncio.run(session(mistake.image(case), protocol, registrar, finger=finger))
-    except PretouchError as error:
-        return wire_of(error).title
+        steps = asyncio.run(run_session(mistake.image(case), protocol, registrar, finger=finger))
+    except PretouchError as refusal:
+        return wire_of(refusal).title
     if not steps:
         return "nothing to scan"
     record = steps[-1].record
@@ -186,14 +188,16 @@ def text(command: str, camera: str, rows: dict[str, list[Ending | str]], toleran
         "the default budget and tolerance, proposer `random`, the tip planned low. Errors in cm; *wrong and sure*: "
         f"above {100 * WRONG:g} with less than {100 * SURE:g} stated; *converged wrong*: said to be within "
         f"{1000 * tolerance:g} mm and not within it and 2 mm.\n",
-        "| what is wrong | sessions | before | final | median | stated | truth in 95 % | wrong and sure | converged | "
-        "converged wrong | ends |",
-        "|" + " --- |" * 11,
     ]
+    headings = (
+        *("what is wrong", "sessions", "before", "final", "median", "stated", "truth in 95 %", "wrong and sure"),
+        *("converged", "converged wrong", "ends"),
+    )
+    table = []
     for name, outcomes in rows.items():
         held = [one for one in outcomes if isinstance(one, Ending)]
         ends = Counter(one.said if isinstance(one, Ending) else f"refused: {one}" for one in outcomes)
-        cells: list[object] = [name, len(held)]
+        cells = [name, str(len(held))]
         if held:
             error, expected = (
                 100 * np.array(column) for column in ([e.error for e in held], [e.expected for e in held])
@@ -205,15 +209,15 @@ def text(command: str, camera: str, rows: dict[str, list[Ending | str]], toleran
                 f"{np.median(error):.2f}",
                 f"{expected.mean():.2f}",
                 f"{np.mean([one.covered for one in held]):.0%}",
-                int(((error > 100 * WRONG) & (expected < 100 * SURE)).sum()),
-                int(said.sum()),
-                int((said & (error > 100 * tolerance + 0.2)).sum()),
+                str(int(((error > 100 * WRONG) & (expected < 100 * SURE)).sum())),
+                str(int(said.sum())),
+                str(int((said & (error > 100 * tolerance + 0.2)).sum())),
             ]
         else:
             cells += ["-"] * 8
         cells.append(", ".join(f"{end} {count}" for end, count in ends.most_common()))
-        lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
-    return "\n".join(lines) + "\n"
+        table.append(cells)
+    return "\n".join([*lines, markdown_table(headings, table)])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -225,7 +229,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--camera", type=CameraModel, choices=list(CameraModel), default=CameraModel.RANDOM)
     parser.add_argument("--out", type=Path, default=RESULTS)
     given = parser.parse_args(arguments)
-    protocol = of_frames(
+    protocol = adapt_to_frames(
         Protocol(10, Proposer.RANDOM, Engine.POSTERIOR, Planner.INFORMATION, IDEAL, given.seed, tip=TipHeight.LOW), None
     )
     paths = meshes_in(given.meshes, limit=given.limit, split=Split.VALIDATION)
@@ -234,9 +238,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for path in track(paths, "Sessions"):
         case = make_case(path.stem, load_mesh(path), 0, given.seed, given.camera)
         for mistake in MISTAKES:
-            rows[mistake.name].append(ending(case, mistake, protocol, registrar))
-    command = f"python experiments/wrong_input.py {shlex.join(sys.argv[1:] if arguments is None else arguments)}"
-    page = text(command.strip(), given.camera.value, rows, Tolerance().error)
+            rows[mistake.name].append(run_session_with(case, mistake, protocol, registrar))
+    command = command_of("wrong_input", arguments)
+    page = text(command, given.camera.value, rows, Tolerance().error)
     (given.out / "wrong-input.md").write_text(page)
 
 

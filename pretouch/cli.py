@@ -36,7 +36,7 @@ _SERVE_HELP = {
     - PRETOUCH_ORCHESTRATOR_REST_HOST (127.0.0.1), PRETOUCH_ORCHESTRATOR_REST_PORT (8080)
     """,
     "detector": "Where is it worth looking? Proposes regions of a depth image to scan.",
-    "registrar": """Where is the object? Estimates the correction from the scans, and foretells what a scan would bring.
+    "registrar": """Where is the object? Estimates the correction from the scans, and predicts what a scan would bring.
 
     Its own option is an environment variable:
 
@@ -209,7 +209,7 @@ def _app(called: str | None) -> typer.Typer:
 
 
 def main() -> None:
-    """Runs the command line; what a user can put right is said in two lines, with exit code 2."""
+    """Runs the command line; an error that the user can fix is printed in two lines, with exit code 2."""
     called = sys.argv[1] if len(sys.argv) > 1 else None
     try:
         _app(called)()
@@ -217,9 +217,9 @@ def main() -> None:
         _refuse(error)
     except ModuleNotFoundError as error:  # at import or only once the command runs
         for entry in entry_points(group="pretouch.commands", name=called or ""):
-            told = _missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
-            if isinstance(told, PretouchError):
-                _refuse(told)
+            explained = _missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
+            if isinstance(explained, PretouchError):
+                _refuse(explained)
         raise
 
 

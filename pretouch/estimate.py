@@ -14,7 +14,7 @@ _HALF = np.random.default_rng(0).standard_normal((512, 6))
 _NORMAL = np.concatenate([_HALF, -_HALF])
 _MAX_POINTS = 64
 _ROUNDING = 1e-6
-"""By how much probabilities may miss their sum."""
+"""How far a sum of probabilities may be off."""
 _SAME_PLACE = 1e-6
 """m, or an entry of the rotation matrix: two corrections that differ by less are one."""
 _SUREST = 1e-6

@@ -1,4 +1,4 @@
-"""The rotated rectangle: a region of the depth image whose perimeter the finger scans."""
+"""The rotated rectangle, a region of the depth image whose perimeter the finger scans, and one that is proposed."""
 
 from __future__ import annotations
 
@@ -66,3 +66,11 @@ class RotatedRectangle:
     def shifted(self, du: float, dv: float) -> RotatedRectangle:
         """The same rectangle, its centre moved by (du, dv) pixels."""
         return RotatedRectangle(self.x + du, self.y + dv, self.w, self.h, self.theta)
+
+
+@dataclass(frozen=True)
+class ProposedRegion:
+    """A rectangle in the scene's pixels and the proposer's score in [0, 1], comparable within one answer only."""
+
+    rectangle: RotatedRectangle
+    confidence: float

@@ -28,7 +28,7 @@ def example(name: str = "box-0-0", rectangles: int = 6, trials: int = 2, seen: S
     boxes = rng.uniform([5, 5, 3, 3, -1.5], [15, 15, 9, 9, 1.5], (rectangles, 5)).astype(np.float32)
     scores = rng.uniform(0.001, 0.03, (rectangles, trials)).astype(np.float32)
     scores[: rectangles // 2] = np.nan
-    foreseen = rng.uniform(0.002, 0.015, rectangles).astype(np.float32)
+    predicted = rng.uniform(0.002, 0.015, rectangles).astype(np.float32)
     return Example(
-        name, name.partition("-")[0], seen or scene(), SENSOR, boxes, scores, scores / 2, foreseen, {"view": 0}
+        name, name.partition("-")[0], seen or scene(), SENSOR, boxes, scores, scores / 2, predicted, {"view": 0}
     )

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pretouch.camera import Camera, DepthImage
+from pretouch.camera import Camera, DepthImage, kinect_depth_std
 from pretouch.geometry import Array, Plane, Pose
 from pretouch.scene import Scene
 from pretouch.tof import RangeSamples, Sensor
@@ -106,7 +106,7 @@ class World:
         depth, what = self.cast(np.broadcast_to(seen.base_T_camera.translation, directions.shape), directions)
         depth = np.where(np.isfinite(depth), depth, 0.0)
         if noise is not None:
-            depth = np.where(depth > 0, depth + noise.normal(size=u.shape) * (0.0012 + 0.0019 * (depth - 0.4) ** 2), 0)
+            depth = np.where(depth > 0, depth + noise.normal(size=u.shape) * kinect_depth_std(depth), 0)
         return DepthImage(depth.astype(np.float32)), (what == 0) & (depth > 0)
 
     def scene(self, view: View | None = None, noise: np.random.Generator | None = None) -> Scene:

@@ -19,7 +19,7 @@ from pretouch_detector.model.weights import FOLDER, load
 from pretouch_detector.training.command import train
 from pretouch_detector.training.dataset import SIDES, Dataset, write
 from pretouch_detector.training.export import Served, export_scorer, restore
-from pretouch_detector.training.processes import processes
+from pretouch_detector.training.processes import join_processes
 from pretouch_detector.training.targets import Targets, targets_of
 from pretouch_detector.training.trainer import Schedule, Trainer
 from safetensors.torch import load_file
@@ -164,7 +164,7 @@ def commanded(folder: Path) -> None:
 def shared(folder: Path) -> None:
     """By torchrun: each process learns from its own views; all come to the same weights and part before the end."""
     torch.manual_seed(0)
-    with processes(CPU) as among:
+    with join_processes(CPU) as among:
         trainer = Trainer(Scorer(), SCHEDULE, folder, CPU, among)
         trainer.train(made_views(16), made_views(4, 1))
         assert among.world == 2

@@ -1,6 +1,6 @@
 """What the asynchronous clients have in common."""
 
-# ruff: noqa: ASYNC109 -- a call's timeout spans its tries, which a timeout around the call could not tell apart
+# ruff: noqa: ASYNC109 -- a call's timeout covers its retries, which a timeout around the call could not tell apart
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pretouch.session import ScanPlan, Session, SessionRequest, Submission
 class AsyncClient(ABC, Generic[Q, A]):
     """A client of the orchestrator; use it in an `async with` block.
 
-    Every method takes a `timeout` in seconds for the whole call, tries within it included. Every method raises the
+    Every method takes a `timeout` in seconds for the whole call, retries included. Every method raises the
     tree of `pretouch.errors`.
     """
 

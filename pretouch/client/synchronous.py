@@ -18,7 +18,7 @@ from pretouch.session import ScanPlan, Session, SessionRequest, Submission
 class SyncClient(ABC, Generic[Q, A]):
     """A client of the orchestrator; use it in a `with` block.
 
-    Every method takes a `timeout` in seconds for the whole call, tries within it included. Every method raises the
+    Every method takes a `timeout` in seconds for the whole call, retries included. Every method raises the
     tree of `pretouch.errors`.
     """
 

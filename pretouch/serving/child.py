@@ -51,7 +51,7 @@ class Child:
         self._served = asyncio.Event()
         self._keeping = asyncio.create_task(self._keep())
 
-    async def ready(self) -> int:
+    async def wait_until_ready(self) -> int:
         """The child's port, once it serves.
 
         Raises:
@@ -103,12 +103,12 @@ class Child:
         except OSError as error:
             return f"could not be started ({error})"
         try:
-            return await self._followed(process)
+            return await self._follow(process)
         finally:
             if process.returncode is None:
                 await self._end(process)
 
-    async def _followed(self, process: Process) -> str:
+    async def _follow(self, process: Process) -> str:
         """Hands the log on until the process ends."""
         assert process.stdout is not None
         async for line in process.stdout:
@@ -120,7 +120,7 @@ class Child:
             process.terminate()
         try:
             async with asyncio.timeout(_KILL_AFTER):
-                await self._followed(process)
+                await self._follow(process)
         except TimeoutError:
             with suppress(ProcessLookupError):
                 process.kill()

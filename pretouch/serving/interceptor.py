@@ -40,10 +40,10 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
             return handler
         refusal = self._admission.refusal(_texts(details.invocation_metadata).get("authorization", ""))
         if refusal is not None:
-            handler = _refused_unread(refusal)
-        return self._surrounded(handler, details.method.removeprefix("/"))
+            handler = _refuse_unread(refusal)
+        return self._surround(handler, details.method.removeprefix("/"))
 
-    def _surrounded(self, handler: Any, method: str) -> Any:
+    def _surround(self, handler: Any, method: str) -> Any:
         kinds = ("unary_unary", "unary_stream") if not handler.request_streaming else ("stream_unary", "stream_stream")
         kind = kinds[bool(handler.response_streaming)]
         behaviour = getattr(handler, kind)
@@ -92,7 +92,7 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
                 code = context.code()
                 raise
             except Exception as caught:
-                error = self._known(method, caught)
+                error = self._log_unless_known(method, caught)
                 code = wire_of(error).grpc_code
                 await _abort(context, error)
             finally:
@@ -101,7 +101,7 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
                 metrics.call_seconds.labels(method).observe(seconds)
                 self._service.log.info("call", method=method, code=code.name, seconds=round(seconds, 6))
 
-    def _known(self, method: str, caught: Exception) -> PretouchError:
+    def _log_unless_known(self, method: str, caught: Exception) -> PretouchError:
         """`caught` itself if it may cross the wire; any other goes to the log with its trace."""
         if isinstance(caught, PretouchError) and not isinstance(caught, Internal):
             return caught
@@ -118,7 +118,7 @@ def _texts(metadata: Iterable[tuple[str, Any]] | None) -> dict[str, str]:
     return {key: value for key, value in metadata or () if isinstance(value, str)}
 
 
-def _refused_unread(refusal: PretouchError) -> Any:
+def _refuse_unread(refusal: PretouchError) -> Any:
     """A handler for any kind of call, which are one on the wire: as a stream it need not read the request first."""
 
     async def refuse(_: Any, __: Any) -> None:
@@ -130,13 +130,13 @@ def _refused_unread(refusal: PretouchError) -> Any:
 async def _abort(context: grpc.aio.ServicerContext, error: PretouchError) -> None:
     document = problem(error)
     for member in ("detail", "remedy"):
-        document[member] = _shortened(document[member], _DETAIL_LENGTH)
+        document[member] = _shorten(document[member], _DETAIL_LENGTH)
     await context.abort(
         wire_of(error).grpc_code,
-        _shortened(error.detail, _MESSAGE_LENGTH),
+        _shorten(error.detail, _MESSAGE_LENGTH),
         ((PROBLEM_METADATA_KEY, json.dumps(document, ensure_ascii=False).encode()),),
     )
 
 
-def _shortened(text: str, length: int) -> str:
+def _shorten(text: str, length: int) -> str:
     return text if len(text) <= length else text[: length - 1] + "…"

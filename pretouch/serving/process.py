@@ -26,12 +26,12 @@ async def serve(name: str, running: Running, settings: Settings, *, until_stdin_
     task = asyncio.current_task()
     assert task is not None
     warm = False
-    told = asyncio.Event()
+    stopping = asyncio.Event()
 
     def stop() -> None:
-        if told.is_set() or not warm:
+        if stopping.is_set() or not warm:
             task.cancel()
-        told.set()
+        stopping.set()
 
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -50,10 +50,10 @@ async def serve(name: str, running: Running, settings: Settings, *, until_stdin_
             service.context.log.info(
                 "ready", host=settings.host, port=service.port, metrics_port=service.metrics_port, pid=os.getpid()
             )
-            await told.wait()
+            await stopping.wait()
             service.context.log.info("stopping")
     except asyncio.CancelledError:
-        if not told.is_set():
+        if not stopping.is_set():
             raise
         task.uncancel()
     # gRPC's own tasks end a moment after its server, and complain where asyncio cancels them first

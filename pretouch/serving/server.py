@@ -64,7 +64,7 @@ class _Registry(grpc.GenericRpcHandler):  # type: ignore[misc]
 
 @asynccontextmanager
 async def started(name: str, running: Running, settings: Settings) -> AsyncIterator[Started]:
-    """Serves `running` for as long as the block lasts, then drains: calls under way get `settings.grace` to end.
+    """Serves `running` for as long as the block lasts, then drains: running calls get `settings.grace` to finish.
 
     The health service says SERVING between warm-up and drain, for the server ("") and each service by name.
 
@@ -118,7 +118,7 @@ def _bind(server: grpc.aio.Server, settings: Settings) -> int:
             return int(server.add_insecure_port(address))
         return int(server.add_secure_port(address, credentials))
     except RuntimeError as error:
-        raise _taken(address) from error
+        raise _cannot_listen(address) from error
 
 
 def _serve_metrics(stack: AsyncExitStack, context: ServiceContext, settings: Settings) -> int | None:
@@ -127,12 +127,12 @@ def _serve_metrics(stack: AsyncExitStack, context: ServiceContext, settings: Set
     try:
         server = MetricsServer(context.metrics, settings.host, settings.metrics_port)
     except OSError as error:
-        raise _taken(settings.address(settings.metrics_port)) from error
+        raise _cannot_listen(settings.address(settings.metrics_port)) from error
     stack.push_async_callback(asyncio.to_thread, server.close)
     return server.port
 
 
-def _taken(address: str) -> Unavailable:
+def _cannot_listen(address: str) -> Unavailable:
     return Unavailable(
         f"The service cannot listen on {address}.",
         "Choose a free port and an address of this machine; another service may already run there.",

@@ -1,4 +1,4 @@
-"""How a service is served: where, for whom, with how many hands."""
+"""How a service is served: where, for whom, with how many threads."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Settings:
     """What all services have in common; each reads its own options from `PRETOUCH_<SERVICE>_<OPTION>`.
 
     Raises:
-        InvalidInput: a port, token or number that cannot be, or half a TLS configuration.
+        InvalidInput: an invalid port, token or number, or half a TLS configuration.
     """
 
     port: int = 0
@@ -37,7 +37,7 @@ class Settings:
     deadline: float = 60.0
     """s, for a call with a single answer whose client set no deadline."""
     grace: float = 5.0
-    """s that calls under way get to end when the service is told to stop."""
+    """s that running calls are given to finish when the service is told to stop."""
     log_level: str = "info"
 
     def __post_init__(self) -> None:

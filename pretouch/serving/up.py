@@ -42,7 +42,7 @@ class Stack:
         log_level: log lines below it are left out.
 
     Raises:
-        InvalidInput: a port, token or device that cannot be.
+        InvalidInput: an invalid port, token or device.
     """
 
     host: str
@@ -77,12 +77,12 @@ async def up(stack: Stack, announce: Callable[[str], None]) -> None:
     logging.getLogger("httpx").setLevel(logging.WARNING)
     task = asyncio.current_task()
     assert task is not None
-    told = False
+    stopping = False
 
     def stop() -> None:
-        nonlocal told
-        if not told:
-            told = True
+        nonlocal stopping
+        if not stopping:
+            stopping = True
             task.cancel()
 
     loop = asyncio.get_running_loop()
@@ -95,7 +95,7 @@ async def up(stack: Stack, announce: Callable[[str], None]) -> None:
         announce(line)
         await asyncio.Event().wait()
     except asyncio.CancelledError:
-        if not told:
+        if not stopping:
             raise
         task.uncancel()
     except TimeoutError as error:
@@ -111,7 +111,7 @@ async def up(stack: Stack, announce: Callable[[str], None]) -> None:
 async def _start(stack: Stack, children: list[Child]) -> str:
     """Starts the children, each as soon as what it needs is there; the ready line."""
     common = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
-    common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core tells of every peer that leaves, in a format of its own
+    common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core logs every peer that leaves, in its own format
     common["PRETOUCH_LOG_LEVEL"] = "debug" if stack.log_level == "debug" else "info"
     if stack.token is not None:
         common["PRETOUCH_TOKEN"] = stack.token
@@ -127,17 +127,17 @@ async def _start(stack: Stack, children: list[Child]) -> str:
         start("registrar", "127.0.0.1", 0, {}),
         start("gateway", "127.0.0.1", 0, {"DEVICES": ",".join(stack.devices)} if stack.devices else {}),
     ]
-    addresses = {child.name.upper(): f"127.0.0.1:{await child.ready()}" for child in inner}
+    addresses = {child.name.upper(): f"127.0.0.1:{await child.wait_until_ready()}" for child in inner}
     rest_port = stack.rest_port or _free_port(stack.host)
     own = {"REST_HOST": stack.host, "REST_PORT": str(rest_port), "STATE": str(stack.state), **addresses}
-    grpc_port = await start("orchestrator", stack.host, stack.grpc_port, own).ready()
-    rest = f"http://{Settings(host=_within(stack.host)).address(rest_port)}"
-    await _rest_ready(rest)
-    grpc = Settings(host=_within(stack.host)).address(grpc_port)
+    grpc_port = await start("orchestrator", stack.host, stack.grpc_port, own).wait_until_ready()
+    rest = f"http://{Settings(host=_reachable_address(stack.host)).address(rest_port)}"
+    await _wait_for_rest(rest)
+    grpc = Settings(host=_reachable_address(stack.host)).address(grpc_port)
     return f"pretouch is ready: REST {rest}, gRPC {grpc}, gateway {addresses['GATEWAY']}"
 
 
-async def _rest_ready(rest: str) -> None:
+async def _wait_for_rest(rest: str) -> None:
     async with httpx.AsyncClient(timeout=5.0, trust_env=False) as client:
         while True:
             with suppress(httpx.HTTPError):
@@ -146,7 +146,7 @@ async def _rest_ready(rest: str) -> None:
             await asyncio.sleep(0.1)
 
 
-def _within(host: str) -> str:
+def _reachable_address(host: str) -> str:
     """An address under which this machine reaches `host`."""
     return {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
 

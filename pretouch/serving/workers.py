@@ -45,10 +45,10 @@ class Workers:
                 )
             self._pending += 1
         future = self._pool.submit(contextvars.copy_context().run, fn, *args)
-        future.add_done_callback(self._ended)
+        future.add_done_callback(self._count_down)
         return await asyncio.wrap_future(future)
 
-    def _ended(self, _: Future[Any]) -> None:
+    def _count_down(self, _: Future[Any]) -> None:
         with self._lock:
             self._pending -= 1
 

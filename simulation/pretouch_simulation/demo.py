@@ -1,4 +1,4 @@
-"""A session from the robot's side, recorded with what only the judge knows."""
+"""A session from the robot's side, recorded together with the truth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pretouch.tof import RangeSamples, Sensor
 from pretouch_simulation.protocol import Case
 
 Execute = Callable[[ScanPlan], tuple[Submission, RangeSamples]]
-"""Makes a planned scan: what to submit, and the samples that stand behind it."""
+"""Makes a planned scan: returns what to submit, and the samples."""
 
 
 @dataclass(eq=False)
@@ -36,7 +36,7 @@ class Recording:
         return self.states[-1]
 
     def end(self) -> str:
-        """The state that the session ended in; unless it converged, why, and what to do about it."""
+        """The state in which the session ended; unless it converged, the reason and the remedy."""
         reason = self.last.reason
         state = self.last.state.value
         return state if reason is None else f"{state}. {reason['detail']} {reason['remedy']}"
@@ -56,7 +56,7 @@ class Recording:
 
 
 def request_for(case: Case, sensor: Sensor, budget: Budget | None = None) -> SessionRequest:
-    """What the robot asks for: everything as it comes, but for the sensor it has and the budget, if given."""
+    """The robot's request: defaults except for its sensor, and the budget if given."""
     return SessionRequest(case.camera, case.base_T_camera, depth_scale=1.0, sensor=sensor, budget=budget or Budget())
 
 
@@ -76,7 +76,7 @@ def record(
 
     def scan(plan: ScanPlan) -> Submission:
         submission, samples = execute(plan)
-        recording.points.append(_ends(samples, request.sensor))
+        recording.points.append(_beam_ends(samples, request.sensor))
         return submission
 
     for state in drive(client, session, scan):
@@ -84,5 +84,5 @@ def record(
         yield recording
 
 
-def _ends(samples: RangeSamples, sensor: Sensor) -> Array:
+def _beam_ends(samples: RangeSamples, sensor: Sensor) -> Array:
     return samples.beams(sensor).points()

@@ -37,7 +37,7 @@ def demo(
 ) -> None:
     """Correct an object's pose with a simulated finger, through all four services.
 
-    Camera and finger err in ways that no service is told.
+    Camera and finger have errors that the services do not know.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

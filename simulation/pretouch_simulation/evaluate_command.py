@@ -18,9 +18,9 @@ from rich.console import Console
 from pretouch.errors import InvalidInput
 from pretouch.session import Planner, Proposer
 from pretouch_simulation.depth_cameras import CameraModel
-from pretouch_simulation.evaluation import NEVER_CONVERGED, Protocol, of_frames
 from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
+from pretouch_simulation.evaluation_protocol import NEVER_CONVERGED, Protocol, adapt_to_frames
 from pretouch_simulation.evaluation_rows import Run, write_details
 from pretouch_simulation.evaluation_summary import by_setup
 from pretouch_simulation.evaluation_table import by_object, by_scan, convergence_table, honesty_table
@@ -122,7 +122,7 @@ def evaluate(
         tip=tip,
     )
     if frames is not None:
-        first = of_frames(first, tolerance)
+        first = adapt_to_frames(first, tolerance)
     protocols = [
         replace(first, engine=one, sensor=finger, camera=seen)
         for seen in cameras

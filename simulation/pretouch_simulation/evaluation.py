@@ -1,4 +1,4 @@
-"""The runs of one task: sessions through the code of the services, judged after every scan."""
+"""The runs of one task: sessions through the code of the services, evaluated after every scan."""
 
 from __future__ import annotations
 
@@ -8,78 +8,26 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
-from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Pose
-from pretouch.session import Budget, Planner, Proposer, SessionRequest, Tolerance
 from pretouch_simulation.depth_cameras import CameraModel
+from pretouch_simulation.evaluation_protocol import Protocol, finger_of, loop_of, request_of
 from pretouch_simulation.evaluation_rows import Detail, Outcome, Row, Run, RunKey
 from pretouch_simulation.evaluation_tasks import Task
-from pretouch_simulation.finger import Finger, FingerModel, realise
+from pretouch_simulation.finger import Finger, FingerModel
 from pretouch_simulation.fitted_truth import fitted_truth
-from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.objects import box
+from pretouch_simulation.paper_setting import run_case
 from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.scanning import scan_along
-from pretouch_simulation.tip_height import TipHeight
-
-NEVER_CONVERGED = 1e-6
-"""m: a tolerance that no estimate meets."""
 
 
-@dataclass(frozen=True)
-class Protocol:
-    """What is evaluated; two runs with equal ones give equal rows, but for `compute_ms`.
-
-    Attributes:
-        scans, seconds, fraction: the budget; left out, only the number of scans counts.
-        proposer: None lets the detector choose.
-        tolerance: m; a session that reaches it stops.
-        paper_setting: the paper's own way of testing, see `paper_setting.py`.
-        leader: the engine by whose estimates the scans are planned, so that all engines are given the same ones;
-            None: the whole loop runs on `engine`.
-        camera: of views of meshes.
-        tip: how low it is planned.
-    """
-
-    scans: int
-    proposer: Proposer | None
-    engine: Engine
-    planner: Planner
-    sensor: FingerModel
-    seed: int
-    tolerance: float = NEVER_CONVERGED
-    paper_setting: bool = False
-    leader: Engine | None = None
-    camera: CameraModel = CameraModel.KINECT
-    seconds: float = 1e6
-    fraction: float = 1.0
-    tip: TipHeight = TipHeight.SAFE
-
-
-def of_frames(protocol: Protocol, tolerance: float | None) -> Protocol:
-    """The same for real frames: a session's default budgets, and its default tolerance unless another one, m, is given.
-
-    What is random is fixed by the tasks, so that a row does not depend on which other seeds were asked for.
-    """
-    budget = Budget()
-    return replace(
-        protocol,
-        scans=budget.scans,
-        seconds=budget.seconds,
-        fraction=budget.fraction,
-        tolerance=tolerance or Tolerance().error,
-        seed=0,
-    )
-
-
-@dataclass(frozen=True, eq=False, repr=False)  # asyncio.run spells out what it returns, arrays too: seconds a run
+@dataclass(frozen=True, eq=False, repr=False)  # asyncio.run formats its result; with arrays that takes seconds
 class Step:
-    """A session after one of its scans, and the seconds that it took to get there from the scan's samples."""
+    """A session after one of its scans, and the seconds of computing from the scan's samples to this state."""
 
     record: Record
     seconds: float
@@ -95,7 +43,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A task as it is judged.
+    """A task as it is evaluated.
 
     Attributes:
         fitted: the case with the truth that `error_fitted` is measured from; None for a simulated view.
@@ -113,13 +61,13 @@ class Subject:
 
 
 def key_of(task: Task, protocol: Protocol) -> RunKey:
-    """Of the run that the protocol makes of the task."""
+    """The key of the protocol's run of the task."""
     engine, sensor = protocol.engine.value, protocol.sensor.value
     return RunKey(task.mesh, task.view, engine, sensor, task.camera(protocol.camera), task.frame)
 
 
 def run_task(task: Task, protocols: Sequence[Protocol]) -> list[Run]:
-    """A run by each of the protocols, those with one camera on the same images; they may differ in engine and sensor.
+    """Runs the task by each of the protocols; those with the same camera share images.
 
     The seeds are fixed by the task and the protocol's seed. An error of pretouch's own is part of the result; any other
     is raised.
@@ -131,36 +79,36 @@ def run_task(task: Task, protocols: Sequence[Protocol]) -> list[Run]:
         try:
             subject = Subject.of(task, chosen[0].seed, camera)
         except PretouchError as error:
-            runs += [_failed(task, protocol, None, error) for protocol in chosen]
+            runs += [_failed_run(task, protocol, None, error) for protocol in chosen]
         else:
             led: dict[FingerModel, list[Step]] = {}
-            runs += [_run(subject, protocol, led, registrar) for protocol in chosen]
+            runs += [_run_protocol(subject, protocol, led, registrar) for protocol in chosen]
     return runs
 
 
-def _run(subject: Subject, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar) -> Run:
+def _run_protocol(
+    subject: Subject, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar
+) -> Run:
     initial = subject.case.error(Pose.identity())
     try:
-        outcomes = _outcomes(subject.case, protocol, led, registrar)
+        outcomes = _run_sessions(subject.case, protocol, led, registrar)
     except PretouchError as error:
-        return _failed(subject.task, protocol, initial, error)
+        return _failed_run(subject.task, protocol, initial, error)
     rows = tuple(_row(subject, protocol, outcome, k, initial) for k, outcome in enumerate(outcomes, start=1))
     details = tuple(Detail.of(subject.case, outcome.estimate) for outcome in outcomes)
     key = key_of(subject.task, protocol)
     return Run(**key._asdict(), initial_error=initial, rows=rows, details=details)
 
 
-def _outcomes(
+def _run_sessions(
     case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar
 ) -> list[Outcome]:
     if protocol.paper_setting:
-        from pretouch_simulation.paper_setting import run_case
-
         return asyncio.run(run_case(case, protocol, registrar))
-    return [step.outcome for step in _steps(case, protocol, led, registrar)]
+    return [step.outcome for step in _run_or_reuse_steps(case, protocol, led, registrar)]
 
 
-def _failed(task: Task, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
+def _failed_run(task: Task, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
     text = f"{error.detail} {error.remedy}".strip()
     return Run(**key_of(task, protocol)._asdict(), initial_error=initial, problem=text)
 
@@ -169,55 +117,33 @@ def warm_up(protocols: Sequence[Protocol]) -> None:
     """Compiles and loads whatever a run needs, so that `compute_ms` does not count it."""
     case, registrar = make_case("warm-up", box(), 0), Registrar()
     for protocol in protocols:
-        with suppress(PretouchError):  # a proposer that is not ready is said of every run
-            asyncio.run(session(case, replace(protocol, scans=1), registrar))
+        with suppress(PretouchError):  # a proposer that is not ready is reported for every run
+            asyncio.run(run_session(case, replace(protocol, scans=1), registrar))
 
 
-def finger_of(case: Case, protocol: Protocol) -> Finger:
-    """The fingertip of the protocol's run on `case`: one for all of its scans."""
-    return realise(protocol.sensor, generator("finger-model", protocol.seed, case.name, case.view))
-
-
-def request_of(case: Case, protocol: Protocol) -> SessionRequest:
-    """What a client asks for."""
-    return SessionRequest(
-        camera=case.camera,
-        base_T_camera=case.base_T_camera,
-        depth_scale=1.0,
-        tolerance=Tolerance(error=protocol.tolerance),
-        budget=Budget(scans=protocol.scans, seconds=protocol.seconds, fraction=protocol.fraction),
-        sensor=finger_of(case, protocol).sensor,
-        proposer=protocol.proposer,
-        planner=protocol.planner,
-    )
-
-
-def loop_of(protocol: Protocol, registrar: Registrar) -> Loop:
-    """The orchestrator's own loop over the services' own code."""
-    return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine, registrar), protocol.tip.margins)
-
-
-def steps_of(case: Case, protocol: Protocol, upto: int) -> list[Step]:
-    """The session on `case` that the protocol's rows are made of, after each of its first `upto` scans at most."""
+def run_steps(case: Case, protocol: Protocol, upto: int) -> list[Step]:
+    """Runs the protocol's session on `case`; its states after each of up to `upto` scans."""
     registrar = Registrar()
     led = replace(protocol, engine=protocol.leader or protocol.engine)
-    steps = asyncio.run(session(case, led, registrar, upto))
-    return [_rematched(step, protocol, registrar) for step in steps]
+    steps = asyncio.run(run_session(case, led, registrar, upto))
+    return [_rematch(step, protocol, registrar) for step in steps]
 
 
-def _steps(case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar) -> list[Step]:
-    """The protocol's session on `case`; `led` keeps the leader's ones, by sensor."""
+def _run_or_reuse_steps(
+    case: Case, protocol: Protocol, led: dict[FingerModel, list[Step]], registrar: Registrar
+) -> list[Step]:
+    """The protocol's session on `case`; `led` caches the leader's sessions, by sensor."""
     if protocol.leader is None:
-        return asyncio.run(session(case, protocol, registrar))
+        return asyncio.run(run_session(case, protocol, registrar))
     if protocol.sensor not in led:
-        led[protocol.sensor] = asyncio.run(session(case, replace(protocol, engine=protocol.leader), registrar))
-    return [_rematched(step, protocol, registrar) for step in led[protocol.sensor]]
+        led[protocol.sensor] = asyncio.run(run_session(case, replace(protocol, engine=protocol.leader), registrar))
+    return [_rematch(step, protocol, registrar) for step in led[protocol.sensor]]
 
 
-async def session(
+async def run_session(
     case: Case, protocol: Protocol, registrar: Registrar, upto: int | None = None, finger: Finger | None = None
 ) -> list[Step]:
-    """A session on `case` after each of its first `upto` scans at most, by `finger` instead of the protocol's own.
+    """Runs a session on `case`; its states after each of up to `upto` scans. `finger` replaces the protocol's own.
 
     Raises:
         PretouchError: the services refuse it.
@@ -241,8 +167,8 @@ async def session(
     return steps
 
 
-def _rematched(step: Step, protocol: Protocol, registrar: Registrar) -> Step:
-    """The leader's scans matched by the protocol's engine, the time being the match's alone; its own as they are."""
+def _rematch(step: Step, protocol: Protocol, registrar: Registrar) -> Step:
+    """Matches the leader's scans by the protocol's engine and times the match alone; the leader's own steps stay."""
     if protocol.leader in (None, protocol.engine):
         return step
     record = step.record

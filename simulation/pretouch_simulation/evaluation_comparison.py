@@ -1,4 +1,4 @@
-"""The objects on which one engine is worse than another."""
+"""Engines compared object by object."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Comparison:
     other: float
 
 
-def compared(runs: Sequence[Run], scan: int, engine: str, other: str) -> list[Comparison]:
-    """Both engines by object, camera and sensor after `scan` scans; where `engine` loses most comes first."""
+def compare_engines(runs: Sequence[Run], scan: int, engine: str, other: str) -> list[Comparison]:
+    """Both engines by object, camera and sensor after `scan` scans, sorted by how much worse `engine` is."""
     groups = by_setup(runs)
     found = []
     for camera, sensor in dict.fromkeys(setup.world for setup in groups):

@@ -1,4 +1,4 @@
-"""How many of an evaluation's sessions said that they had converged, whether they had, and how long that took."""
+"""How many of an evaluation's sessions converged, whether rightly, and how long that took."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pretouch_simulation.evaluation_rows import Row, Run
 from pretouch_simulation.evaluation_summary import Setup, by_setup
 
 GROUND_TRUTH = 0.002
-"""m: how far a real frame's ground truth may be off, its depth fitted."""
+"""m: the uncertainty of a real frame's ground truth after its depth is fitted."""
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """The sessions of one setup; what follows `converged` is over those that converged, NaN if none did.
+    """The sessions of one setup; the members after `converged` are over those that converged, NaN if none did.
 
     Attributes:
         n: how many there are; failed ones are left out.

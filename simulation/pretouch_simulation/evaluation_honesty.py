@@ -1,4 +1,4 @@
-"""Whether an evaluation's estimates were as good as they said: how often the truth lies in the stated regions."""
+"""Whether an evaluation's estimates are calibrated: how often the truth lies in the stated regions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pretouch_simulation.evaluation_summary import Setup, by_setup, states_after
 CHI2_6 = (5.348, 8.558, 12.592)
 """The 50, 80 and 95 % quantiles of chi-square with 6 degrees of freedom."""
 WRONG, SURE = 0.015, 0.005
-"""m: a true error above the one while less than the other is expected."""
+"""m: an estimate is wrong with a true error above the one, and sure if it expects less than the other."""
 _HARDEST = 0.25
 
 

@@ -1,63 +1,50 @@
-"""Many runs at once in worker processes, kept as they come so that an interrupted evaluation can go on."""
+"""Runs in worker processes, saved as they finish so that an interrupted evaluation can be resumed."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from pretouch.errors import Conflict
-from pretouch_simulation.evaluation import Protocol, key_of, run_task, warm_up
+from pretouch_simulation.evaluation import key_of, run_task, warm_up
+from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.evaluation_rows import Run, RunKey
 from pretouch_simulation.evaluation_tasks import Task
-from pretouch_simulation.workers import in_workers
+from pretouch_simulation.partial_rows import PartialRows
+from pretouch_simulation.workers import run_in_workers
 
 _VARIED = ("engine", "sensor", "camera")
 """Members in which the protocols of one evaluation may differ."""
 
 
 class PartialResults:
-    """Runs that are done, one JSON line each, beside the file that the evaluation will write.
+    """Finished runs, one JSON line each, beside the file that the evaluation will write.
 
     Runs of other engines, sensors and cameras may be added to those of an earlier evaluation.
 
+    Args:
+        out: the file that the evaluation will write.
+        option: of the command line, that names it.
+
     Raises:
-        Conflict: the file was left by an evaluation of something else.
+        Conflict: the file was left by an evaluation with other settings.
     """
 
-    def __init__(self, out: Path, protocol: Protocol) -> None:
-        self.path = out.with_name(out.name + ".partial")
+    def __init__(self, out: Path, protocol: Protocol, option: str = "--json") -> None:
         settings = {name: value for name, value in asdict(protocol).items() if name not in _VARIED}
-        self._header = json.dumps({"protocol": settings}, sort_keys=True)
-        self.runs: dict[RunKey, Run] = {}
-        if self.path.exists():
-            self._read()
-        else:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.write_text(self._header + "\n")
+        self._kept = PartialRows(out.with_name(out.name + ".partial"), {"protocol": settings}, option)
+        self.runs: dict[RunKey, Run] = {run.key: run for run in map(Run.from_dict, self._kept.rows)}
 
-    def _read(self) -> None:
-        text = self.path.read_text()
-        header, *lines = text[: text.rfind("\n") + 1].splitlines() or [""]
-        if header != self._header:
-            raise Conflict(
-                f"{self.path} holds the runs of an evaluation with other settings.",
-                "Delete it, or choose another --json file.",
-            )
-        for line in lines:
-            run = Run.from_dict(json.loads(line))
-            self.runs[run.key] = run
-        # A line cut short by a crash is dropped, so that the next one starts on its own.
-        self.path.write_text("".join(f"{line}\n" for line in [header, *lines]))
+    @property
+    def path(self) -> Path:
+        return self._kept.path
 
     def add(self, run: Run) -> None:
         self.runs[run.key] = run
-        with self.path.open("a") as file:
-            file.write(json.dumps(run.as_dict()) + "\n")
+        self._kept.add(run.as_dict())
 
     def remove(self) -> None:
-        self.path.unlink(missing_ok=True)
+        self._kept.remove()
 
 
 def keys(tasks: Sequence[Task], protocols: Sequence[Protocol]) -> list[RunKey]:
@@ -80,13 +67,13 @@ def run_all(
     Raises:
         KeyboardInterrupt: what was done by then is in `kept`.
     """
-    for run in _results(tasks, protocols, workers, kept.runs):
+    for run in _run_missing(tasks, protocols, workers, kept.runs):
         kept.add(run)
         done(run)
     return [kept.runs[key] for key in keys(tasks, protocols)]
 
 
-def _results(
+def _run_missing(
     tasks: Sequence[Task], protocols: Sequence[Protocol], workers: int, known: Container[RunKey]
 ) -> Iterator[Run]:
     missing = [
@@ -94,5 +81,5 @@ def _results(
         for task in tasks
     ]
     calls = [(task, wanted) for task, wanted in missing if wanted]
-    for runs in in_workers(run_task, calls, workers, warm_up, (protocols,)):
+    for runs in run_in_workers(run_task, calls, workers, warm_up, (protocols,)):
         yield from runs

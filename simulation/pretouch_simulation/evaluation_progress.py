@@ -1,4 +1,4 @@
-"""An evaluation as a person at a terminal sees it."""
+"""An evaluation with a progress bar at a terminal."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from pretouch_simulation.evaluation import Protocol
 from pretouch_simulation.evaluation_pool import PartialResults, keys, run_all
+from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_tasks import Task
 

@@ -1,4 +1,4 @@
-"""What an evaluation finds out: a row for each scan, what stands behind it, and the run that they belong to."""
+"""The results of an evaluation: a row for each scan, its details, and the run that they belong to."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ class Row:
     error_fitted: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """For programs; what only real frames have is left out elsewhere."""
+        """For programs; members that only real frames have are left out elsewhere."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True)
 class Detail:
-    """What stands behind one row: the error as a pose, and against the stated covariance C.
+    """The details of one row: the error as a pose, and relative to the stated covariance C.
 
     Attributes:
         deviation: (6,) the pose error e in C's order, rotation vector and translation; rad and m.
@@ -80,7 +80,7 @@ class Detail:
 
     @staticmethod
     def of(case: Case, estimate: Estimate) -> Detail:
-        """How far the truth of `case` is from `estimate`."""
+        """The deviation of `estimate` from the truth of `case`."""
         deviation = case.deviation(estimate)
         whitened = np.linalg.solve(np.linalg.cholesky(estimate.covariance), deviation)
         return Detail(
@@ -94,7 +94,7 @@ class Detail:
         )
 
 
-@dataclass(frozen=True, eq=False, repr=False)  # asyncio.run spells out what it returns, arrays too: seconds a run
+@dataclass(frozen=True, eq=False, repr=False)  # asyncio.run formats its result; with arrays that takes seconds
 class Outcome:
     """Where a run stands after one of its scans; see `Row` for its members.
 
@@ -111,7 +111,7 @@ class Outcome:
 
 
 class RunKey(NamedTuple):
-    """What tells a run from the others of its evaluation."""
+    """Identifies a run within its evaluation."""
 
     mesh: str
     view: int
@@ -123,7 +123,7 @@ class RunKey(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """All that came of one view of one mesh by one engine and one sensor; `camera` and `frame` as in `Row`.
+    """The results of one view of one mesh with one engine and one sensor; `camera` and `frame` as in `Row`.
 
     Attributes:
         initial_error: m; None if the run failed before there was one.
@@ -160,7 +160,7 @@ class Run:
 
 
 def write_details(path: Path, runs: Sequence[Run]) -> None:
-    """One JSON line for each row: what tells the row from the others, then the members of its `Detail`."""
+    """Writes a JSON line for each row: what identifies it, then the members of its `Detail`."""
     with path.open("w") as file:
         for run in runs:
             for row, detail in zip(run.rows, run.details, strict=True):

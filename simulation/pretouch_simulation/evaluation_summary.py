@@ -1,4 +1,4 @@
-"""What the runs of one engine, sensor and camera came to after so many scans, in numbers."""
+"""Statistics of the runs of one engine, sensor and camera after a number of scans."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LARGE = 0.01
 
 @dataclass(frozen=True)
 class Setup:
-    """What runs that are summed up together have in common."""
+    """What the runs of one summary have in common."""
 
     engine: str
     sensor: str
@@ -24,7 +24,7 @@ class Setup:
 
     @property
     def world(self) -> tuple[str, str]:
-        """What the engine had to do with: camera and sensor."""
+        """Camera and sensor."""
         return self.camera, self.sensor
 
 
@@ -39,7 +39,7 @@ class Summary:
         made: how many of them made this scan.
         sd: standard deviation of the errors.
         large: share of the errors above 1 cm.
-        error_fitted: mean, over the runs that scanned; NaN but on real frames.
+        error_fitted: mean, over the runs that scanned; NaN except on real frames.
         covered: share of the runs whose truth lies in the stated 95 % region; this and what follows is NaN before the
             first scan.
         compute_p50, compute_p95: ms, over the runs that made this scan.

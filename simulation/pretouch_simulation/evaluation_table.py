@@ -1,4 +1,4 @@
-"""What an evaluation found, in tables for a terminal and for Markdown: by scan, by object, honesty and convergence."""
+"""Tables of an evaluation, for a terminal and for Markdown: by scan, by object, honesty and convergence."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from pretouch_simulation.evaluation_convergence import convergence
 from pretouch_simulation.evaluation_honesty import Honesty, honesty
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_summary import Setup, Summary, by_setup, summaries, summary_of
+from pretouch_simulation.markdown import markdown_table
 
 Judged = TypeVar("Judged", Summary, Honesty)
 _ERRORS = ("mean cm", "median", "std", "p95", "> 1 cm")
@@ -41,24 +42,23 @@ class Table:
 
     def markdown(self) -> str:
         """Without the title."""
-        lines = (self.headings, ["---"] * len(self.headings), *self.lines)
-        return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+        return markdown_table(self.headings, self.lines)
 
 
 def by_scan(runs: Sequence[Run], scans: Sequence[int]) -> Table:
-    """A line for each setup and number of scans, engines under each other; 0 scans is the error before.
+    """A line for each setup and number of scans, the engines below each other; 0 scans is the error before any.
 
     A run that stopped counts with its last state in later lines; `made` is how many made the scan, and their time is
     what `ms` counts.
     """
     found = summaries(runs, scans)
-    told, fitted = _varied(runs), any(not math.isnan(one.error_fitted) for one in found)
+    varied, fitted = _varied(runs), any(not math.isnan(one.error_fitted) for one in found)
     lines = []
     for one in _side_by_side(found):
-        cells = [*_setup_cells(one.setup, told), str(one.scan), str(one.n), str(one.made), *_errors(one, fitted)]
+        cells = [*_setup_cells(one.setup, varied), str(one.scan), str(one.n), str(one.made), *_errors(one, fitted)]
         lines.append((*cells, *_costs(one), _number(one.compute_p50), _number(one.compute_p95)))
-    headings = (*told, "scan", "n", "made", *_error_headings(fitted), *_COSTS, "ms p50", "ms p95")
-    return Table("After each scan", headings, tuple(lines), len(told))
+    headings = (*varied, "scan", "n", "made", *_error_headings(fitted), *_COSTS, "ms p50", "ms p95")
+    return Table("After each scan", headings, tuple(lines), len(varied))
 
 
 def by_object(runs: Sequence[Run], scans: int) -> Table:
@@ -80,10 +80,10 @@ def honesty_table(runs: Sequence[Run], scans: Sequence[int]) -> Table:
     `hardest`: of the quarter of the runs with the largest error. `sure, wrong`: the error is above 1.5 cm while less
     than 0.5 cm is expected.
     """
-    told = _varied(runs)
+    varied = _varied(runs)
     lines = [
         (
-            *_setup_cells(one.setup, told),
+            *_setup_cells(one.setup, varied),
             *(str(one.scan), str(one.n)),
             *(_share(value) for value in (one.within50, one.within80, one.within95)),
             *(_share(value) for value in (one.hard50, one.hard80, one.hard95)),
@@ -92,34 +92,34 @@ def honesty_table(runs: Sequence[Run], scans: Sequence[int]) -> Table:
         for one in _side_by_side(honesty(runs, scans))
     ]
     regions = tuple(f"{whom}in {level} %" for whom in ("", "hardest ") for level in (50, 80, 95))
-    headings = (*told, "scan", "n", *regions, "stated cm", "true cm", "sure, wrong")
-    return Table("Truth in the stated regions", headings, tuple(lines), len(told))
+    headings = (*varied, "scan", "n", *regions, "stated cm", "true cm", "sure, wrong")
+    return Table("Truth in the stated regions", headings, tuple(lines), len(varied))
 
 
 def convergence_table(runs: Sequence[Run], tolerance: float) -> Table:
-    """A line for each setup: which share converged, which of those was within `tolerance`, m, and after how long."""
-    told = _varied(runs)
+    """A line for each setup: the share that converged, the share of those within `tolerance`, m, and the time taken."""
+    varied = _varied(runs)
     lines = [
         (
-            *(*_setup_cells(one.setup, told), str(one.n)),
+            *(*_setup_cells(one.setup, varied), str(one.n)),
             *(_share(one.converged), _share(one.within)),
             *(_number(value, 1) for value in (one.seconds_median, one.seconds_p90)),
         )
         for one in convergence(runs, tolerance)
     ]
     within = f"within {1000 * tolerance:g} mm" + (" + 2 mm, fitted" if any(run.frame for run in runs) else "")
-    headings = (*told, "n", "converged", f"of those {within}", "robot s median", "p90")
-    return Table("Convergence", headings, tuple(lines), len(told))
+    headings = (*varied, "n", "converged", f"of those {within}", "robot s median", "p90")
+    return Table("Convergence", headings, tuple(lines), len(varied))
 
 
 def _varied(runs: Sequence[Run]) -> tuple[str, ...]:
-    """What of the setup differs between the runs, and is told."""
+    """The members of the setup that differ between the runs, and are therefore shown."""
     setups = list(by_setup(runs))
     return tuple(name for name in ("camera", "sensor", "engine") if len({getattr(one, name) for one in setups}) > 1)
 
 
 def _side_by_side(found: Sequence[Judged]) -> list[Judged]:
-    """By camera and sensor, then scan, then engine; what was before the first scan, once for all engines."""
+    """By camera and sensor, then scan, then engine; the state before the first scan once for all engines."""
     worlds = dict.fromkeys(one.setup.world for one in found)
     scans = sorted({one.scan for one in found})
     lines: list[Judged] = []
@@ -130,8 +130,8 @@ def _side_by_side(found: Sequence[Judged]) -> list[Judged]:
     return lines
 
 
-def _setup_cells(setup: Setup, told: Sequence[str]) -> list[str]:
-    return [getattr(setup, name) for name in told]
+def _setup_cells(setup: Setup, varied: Sequence[str]) -> list[str]:
+    return [getattr(setup, name) for name in varied]
 
 
 def _error_headings(fitted: bool) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.protocol import Case, make_case
 
 MIN_PIXELS = 1000
-"""With depth, that an object of a frame must exceed."""
+"""An object of a frame must have more pixels with depth than this."""
 
 
 class MeshTask(NamedTuple):

@@ -1,4 +1,4 @@
-"""The simulated fingertip: which ones there are, and what each of them can do."""
+"""The simulated fingertips and their interface."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class Finger(Protocol):
 
     @property
     def sensor(self) -> Sensor:
-        """What a client states when it creates a session: what a user would know of the fingertip, right or not."""
+        """The description that a client sends when it creates a session, right or wrong."""
 
     def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
         """The measurements of one scan, taken at the modules' poses (n, 4, 4) in base, beams along the modules' z.
 
-        What a scan's ranges share, as a bias, is drawn once a call. The modules of a fingertip take turns.
+        The bias that a scan's ranges share is drawn once a call. The modules of a fingertip take turns.
 
         Returns:
             Ranges (n,), m along the beam, NaN where the module gave none; status codes (n,), 0 is good.

@@ -1,4 +1,4 @@
-"""The parent's side of a simulated finger: starts its process, tells it what the robot plays, ends it."""
+"""The parent's side of a simulated finger: starts its process, announces motions to it, ends it."""
 
 from __future__ import annotations
 

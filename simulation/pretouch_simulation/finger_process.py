@@ -1,7 +1,7 @@
 """A simulated fingertip behind a real serial port: a process that owns a pty and speaks the gateway's binary format.
 
 It prints one JSON line, `{"port": PATH}`, then sends frames at its rate and answers pings until its standard input
-ends. Each input line tells it what the robot is about to do:
+ends. Each input line announces a motion of the robot:
 
     {"start": seconds since the Unix epoch, "t": [n], "base_T_tip": [[16 numbers, row-major], ...]}
 
@@ -103,7 +103,7 @@ class Finger:
         measured = zip(samples, ranges, status, strict=True)
         self._measured.update({k: (float(metres), int(code)) for k, metres, code in measured})
 
-    def due(self, now: float) -> list[bytes]:
+    def take_due(self, now: float) -> list[bytes]:
         """A frame for each sample whose time has come."""
         frames: list[bytes] = []
         while self.next_due <= now:
@@ -116,8 +116,8 @@ class Finger:
             self._next += 1
         return frames
 
-    def answers(self, data: bytes, now: float) -> list[bytes]:
-        """A reply to everything asked that `data` completes."""
+    def reply_to(self, data: bytes, now: float) -> list[bytes]:
+        """Replies to the requests that `data` completes."""
         replies = []
         for message in self._decoder.feed(data):
             if isinstance(message, Ping):
@@ -161,8 +161,8 @@ def play(finger: Finger, master: int, announcements: int) -> None:
                 return
             *lines, line = (line + data).split(b"\n")
             _announce(finger, lines)
-        frames = finger.answers(os.read(master, 4096), time.time()) if master in readable else []
-        for frame in frames + finger.due(time.time()):
+        frames = finger.reply_to(os.read(master, 4096), time.time()) if master in readable else []
+        for frame in frames + finger.take_due(time.time()):
             if len(output) + len(frame) <= _OUTPUT_LIMIT:
                 output += frame
         if output:

@@ -1,4 +1,4 @@
-"""What a finger could call the truth of a real frame: the camera's points fitted onto the true mesh.
+"""The pose that a perfect finger would find on a real frame: the camera's points fitted onto the true mesh.
 
 The hidden error D is where the frame's ground truth puts the points, but a real depth image is also biased by
 millimetres, which the finger rightly finds. The pose fitted here is D followed by the rigid motion (w, d) about the
@@ -6,10 +6,11 @@ points' centroid that minimises
 
     sum_i n_eff / n rho(g_i) / sigma^2 + |w|^2 / (1 deg)^2 + |d|^2 / (3 mm)^2,    rho(g) = c^2 g^2 / (c^2 + g^2),
 
-g_i being the distance of point i from the mesh and rho Geman and McClure's kernel (S. Geman, D. McClure, "Statistical
-methods for tomographic image reconstruction", 1987). It is minimised by reweighted least squares on the distances from
-the closest faces' planes (Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", 1992),
-damped as by Levenberg and Marquardt. The prior holds what the shape leaves free, such as the turn of a can, near D.
+g_i being the distance of point i from the mesh and rho Geman and McClure's robust kernel (S. Geman, D. McClure,
+"Statistical methods for tomographic image reconstruction", 1987). It is minimised by reweighted least squares on the
+distances from the closest faces' planes (Y. Chen, G. Medioni, "Object modelling by registration of multiple range
+images", 1992), damped as by Levenberg and Marquardt. The prior keeps unobservable directions, such as the
+rotation of a can, near D.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ TURN_STD = float(np.radians(1.0))
 SHIFT_STD = 0.003
 """m."""
 _SURFACE_STD = 0.003
-"""m, sigma: a real depth image's residual against the mesh."""
+"""m, sigma: the residual of a real depth image against the mesh."""
 _EFFECTIVE = 100
-"""n_eff: pixels near each other err alike, so that thousands of them weigh like so many."""
+"""n_eff: the effective number of points, since the errors of neighbouring pixels are correlated."""
 _KERNEL = 0.005
 """m, c."""
 _TOUCHING = 1e-4
-"""m: nearer than this single precision tells no direction."""
+"""m: below this distance a direction is unreliable in single precision."""
 _MOST_POINTS = 4000
 _STEPS = 60
 _SMALL = 1e-6
-"""rad and m: a smaller step is the last."""
+"""rad and m: the iteration stops at a smaller step."""
 
 
 def fitted_truth(case: Case) -> Pose:

@@ -21,7 +21,7 @@ _TIMEOUT = 60.0
 
 @dataclass(frozen=True)
 class Result:
-    """What a session came to; metres, and `seconds` of the robot's time; `end` says the state, and why."""
+    """The result of a session; metres, and `seconds` of the robot's time; `end` is the state with its reason."""
 
     initial_error: float
     final_error: float
@@ -33,7 +33,7 @@ class Result:
     end: str
 
     def as_dict(self) -> dict[str, Any]:
-        """What programs read: all but the sentence on the end."""
+        """For programs: all but `end`."""
         return {name: value for name, value in asdict(self).items() if name != "end"}
 
 
@@ -72,10 +72,10 @@ def direct_finger(case: Case, finger: Finger) -> Execute:
     """A robot that makes scans of the case's world without spending time on them."""
     rng = generator("finger", case.name, case.view)
 
-    def measured(base_T_tip: Array) -> tuple[Array, Any]:
+    def measure(base_T_tip: Array) -> tuple[Array, Any]:
         return finger.measure(case.world, base_T_tip, rng)
 
-    robot = DirectRobot(measured, finger.sensor.rate)
+    robot = DirectRobot(measure, finger.sensor.rate)
 
     def execute(plan: ScanPlan) -> tuple[Submission, Any]:
         samples = robot.scan(plan)

@@ -1,4 +1,4 @@
-"""Which frames of a folder are meant."""
+"""The frames of a folder that an option selects."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def frames_in(folder: Path, only: Sequence[str] = ()) -> list[Path]:
     """The frames' .json files in `folder`, in the order of their names; other .json files name no images.
 
     Args:
-        only: stems of the files that are meant; empty: all.
+        only: stems of the files to take; empty: all.
 
     Raises:
         NotFound: no such folder, no frame in it, or none of a name in `only`.

@@ -22,12 +22,12 @@ from pretouch.camera import Camera, DepthImage, decode_depth, decode_png
 from pretouch.errors import InvalidInput, Malformed, NotFound, PretouchError
 from pretouch.geometry import Plane, Pose
 from pretouch_simulation.mesh import load_mesh
-from pretouch_simulation.protocol import PLACE, Case, generator, hidden_offset
+from pretouch_simulation.protocol import PLACE, Case, draw_hidden_offset, generator
 from pretouch_simulation.world import Body, World
 
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy", "depth_unit_m", "files")
 _MARGIN = 3
-"""px around labelled objects that do not count as table: depth and labels do not fit exactly."""
+"""px around labelled objects that do not count as table, because depth and labels are misaligned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +177,7 @@ def frame_case(frame: Frame, name: str, seed: int) -> Case:
         for thing in sorted(frame.objects, key=lambda thing: thing.name != name)
     ]
     world = World(bodies, frame.table.moved(base_T_camera))
-    truth = hidden_offset(base_T_camera.apply(points), generator("frame", seed, frame.name, name))
+    truth = draw_hidden_offset(base_T_camera.apply(points), generator("frame", seed, frame.name, name))
     extrinsics = truth.inverse() @ base_T_camera
     return Case(f"{frame.name} {name}", seed, frame.depth, frame.camera, extrinsics, mask, world, truth, mask)
 

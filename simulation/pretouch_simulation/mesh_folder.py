@@ -1,4 +1,4 @@
-"""Which meshes of a folder are meant."""
+"""The meshes of a folder that an option selects."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pretouch.errors import InvalidInput, NotFound
 from pretouch_simulation.mesh import SUFFIXES
-from pretouch_simulation.split import Split, mixed, split_of
+from pretouch_simulation.split import Split, mixing_key, split_of
 
 _NAMED = 20
 
@@ -18,13 +18,13 @@ def meshes_in(
     """The mesh files of `folder`, in the order of their names; with `split`, in one that mixes the sources.
 
     Args:
-        only: stems of the files that are meant; empty: all.
+        only: stems of the files to take; empty: all.
         limit: how many at most, the first ones.
         split: only this side of the folder: parameters are chosen on `train` and reported on `validation`.
 
     Raises:
         NotFound: no such folder, no mesh in it, none of a name in `only`, or none on this side.
-        InvalidInput: two files of the same stem, which is what a mesh is called.
+        InvalidInput: two files of the same stem, which is a mesh's name.
     """
     if not folder.is_dir():
         raise NotFound(f"There is no folder {folder}.", "Give a folder of PLY, OBJ or STL files in metres.")
@@ -41,7 +41,9 @@ def meshes_in(
         raise NotFound(f"{folder} holds no mesh called {', '.join(unknown)}.", f"Choose from: {there}.")
     chosen = [path for path in files if not only or path.stem in only]
     if split is not None:
-        chosen = sorted((path for path in chosen if split_of(path.stem) is split), key=lambda path: mixed(path.stem))
+        chosen = sorted(
+            (path for path in chosen if split_of(path.stem) is split), key=lambda path: mixing_key(path.stem)
+        )
         if not chosen:
             raise NotFound(
                 f"None of the meshes in {folder} that are meant is on the side {split}.", "Leave out --split."

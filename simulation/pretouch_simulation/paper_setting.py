@@ -1,9 +1,9 @@
-"""The paper's own way of testing a region, kept so that old and new compare.
+"""The paper's own way of testing a region, kept for comparison.
 
 After Lancaster, Yang, Smith, "Improved Object Pose Estimation via Deep Pre-touch Sensing", IROS 2017: the finger's
 points are not measured but cut out of the camera's own cloud, moved to its true place, where it projects onto the
-region's perimeter; Gaussian noise of 0.15 cm is added. Regions come in the order of confidence, scans add up, the
-match is the paper's. The score is the one of all rows: over the whole object, not over the points cut out.
+region's perimeter; Gaussian noise of 0.15 cm is added. Regions come in the order of confidence, scans accumulate,
+and the engine is the paper's. As in all rows the score is over the whole object, not over the points cut out.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import State
 from pretouch.tof import Scan
-from pretouch_simulation.evaluation import Protocol, loop_of, request_of
+from pretouch_simulation.evaluation_protocol import Protocol, loop_of, request_of
 from pretouch_simulation.evaluation_rows import Outcome
 from pretouch_simulation.protocol import Case, generator
 
 NOISE = 0.0015
 """m."""
 ON_PERIMETER = 1.0
-"""px: how near to the perimeter a point projects that the finger would have met."""
+"""px: points that project this near to the perimeter count as scanned."""
 _SCANNED = 0.005
 
 
 async def run_case(case: Case, protocol: Protocol, registrar: Registrar) -> list[Outcome]:
-    """One for each of the first `protocol.scans` regions; the last one leaves the session exhausted."""
+    """Scans the first `protocol.scans` regions; an outcome for each, of which the last leaves the session exhausted."""
     request = request_of(case, protocol)
     started = time.perf_counter()
     record = await loop_of(protocol, registrar).open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)

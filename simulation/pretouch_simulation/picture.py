@@ -1,4 +1,4 @@
-"""One picture of the demo: where the finger looked, what it met, and what became of the error."""
+"""One picture of the demo: where the finger scanned, what it hit, and how the error fell."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def window(recording: Recording) -> tuple[int, int, int, int]:
 
 
 def depth_range(recording: Recording) -> tuple[float, float]:
-    """m: the depths around the object that colours should tell apart."""
+    """m: the range of depths around the object that the colours cover."""
     near, far = np.quantile(recording.case.depth.metres[recording.case.mask], (0.01, 0.99))
     return float(near) - _DEPTH_MARGIN, float(far) + _DEPTH_MARGIN
 
@@ -127,5 +127,5 @@ def _draw_errors(axes: Any, recording: Recording) -> None:
 
 
 def thinned(points: Array, most: int) -> Array:
-    """At most about `most` of the points (n, 3), evenly."""
+    """About `most` of the points (n, 3) at most, evenly chosen."""
     return points[:: max(1, len(points) // most)]

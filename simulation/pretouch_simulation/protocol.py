@@ -1,4 +1,4 @@
-"""The evaluation protocol: an object on a table, a camera whose extrinsics are wrong, and how an answer is scored."""
+"""The evaluation protocol: an object on a table, a camera whose extrinsics are wrong, and how an estimate is scored."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pretouch.geometry import Array, Plane, Pose, rotation_from_vector, vector_f
 from pretouch_simulation.depth_cameras import CameraModel, DepthCamera, realise
 from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.mesh import Mesh
-from pretouch_simulation.stable_pose import standing
+from pretouch_simulation.stable_pose import stand
 from pretouch_simulation.world import Body, World
 
 CAMERA = Camera(525.0, 525.0, 319.5, 239.5)
@@ -32,18 +32,18 @@ KINECT = Kinect()
 
 
 def generator(*names: object) -> np.random.Generator:
-    """A random generator fixed by the names, the same on every machine and in every process."""
+    """A random generator seeded by the names, the same on every machine and in every process."""
     digest = hashlib.blake2b("\x1f".join(str(name) for name in names).encode(), digest_size=16).digest()
     return np.random.default_rng(int.from_bytes(digest, "little"))
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One view of one object, with what only the judge knows.
+    """One view of one object, together with the truth.
 
     Attributes:
         name, view: which mesh, which of its views.
-        depth, camera, base_T_camera: what a client has; the extrinsics are wrong.
+        depth, camera, base_T_camera: the client's; the extrinsics are wrong.
         mask: (h, w) bool, the client's: where it takes the object to be and there is a depth.
         world: what the finger meets, at its true place in base.
         truth: the right `base_T_correction`.
@@ -71,7 +71,7 @@ class Case:
         return float(np.linalg.norm(self.truth.apply(cloud) - base_T_correction.apply(cloud), axis=1).mean())
 
     def deviation(self, estimate: Estimate) -> Array:
-        """(6,): the error that `estimate.covariance` speaks of, (rotation vector, translation), rad and m."""
+        """(6,): the pose error in the order of `estimate.covariance`, (rotation vector, translation), rad and m."""
         turn = vector_from_rotation(self.truth.rotation @ estimate.base_T_correction.rotation.T)
         shift = self.truth.apply(estimate.centroid) - estimate.base_T_correction.apply(estimate.centroid)
         return np.concatenate([turn, shift])
@@ -82,24 +82,24 @@ class Case:
         return bool(error @ np.linalg.solve(estimate.covariance, error) <= CHI2_6_95)
 
 
-def hidden_offset(true_cloud: Array, rng: np.random.Generator) -> Pose:
-    """The calibration error D: `base_T_correction` as it should be found.
+def draw_hidden_offset(true_cloud: Array, rng: np.random.Generator) -> Pose:
+    """The calibration error D, which is the true `base_T_correction`.
 
     Args:
         true_cloud: (n, 3), m, the object's points at their true place in base.
     """
-    turn, shift = _drawn(rng)
+    turn, shift = _draw(rng)
     centroid = true_cloud.mean(axis=0) - shift
     return Pose.of(turn, centroid + shift - turn @ centroid)
 
 
-def offset_about(centroid: Array, rng: np.random.Generator) -> Pose:
-    """As `hidden_offset`, where the cloud's centroid (3,), m, is known as the camera puts it."""
-    turn, shift = _drawn(rng)
+def draw_offset_about(centroid: Array, rng: np.random.Generator) -> Pose:
+    """As `draw_hidden_offset`, where the cloud's centroid (3,), m, is known as the camera puts it."""
+    turn, shift = _draw(rng)
     return Pose.of(turn, centroid + shift - turn @ centroid)
 
 
-def _drawn(rng: np.random.Generator) -> tuple[Array, Array]:
+def _draw(rng: np.random.Generator) -> tuple[Array, Array]:
     """Roll, pitch, yaw uniform in +-5 deg (extrinsic xyz, base axes), (3, 3), and a shift (3,) of uniform +-2 cm."""
     roll, pitch, yaw = rng.uniform(-OFFSET_ROTATION, OFFSET_ROTATION, 3)
     shift = rng.uniform(-OFFSET_TRANSLATION, OFFSET_TRANSLATION, 3)
@@ -114,7 +114,7 @@ def make_case(name: str, mesh: Mesh, view: int, seed: int = 0, camera: CameraMod
         InvalidInput: the camera does not see the object.
     """
     realised = realise(camera, generator("camera", seed, name, view))
-    return case_of(name, standing(mesh), view, generator("view", seed, name, view), realised)
+    return case_of(name, stand(mesh), view, generator("view", seed, name, view), realised)
 
 
 def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator, camera: DepthCamera = KINECT) -> Case:
@@ -131,7 +131,7 @@ def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator, camer
     scored = (image.bodies == 0) & (image.depth.metres > 0)
     if not (scored.any() and image.mask.any()):
         raise InvalidInput(f"The camera does not see {name}.", "Give a larger mesh, in metres.")
-    truth = hidden_offset(true_camera.apply(CAMERA.organised(image.depth.metres)[scored]), rng)
+    truth = draw_hidden_offset(true_camera.apply(CAMERA.organised(image.depth.metres)[scored]), rng)
     return Case(name, view, image.depth, CAMERA, truth.inverse() @ true_camera, image.mask, world, truth, scored)
 
 

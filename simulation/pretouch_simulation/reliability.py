@@ -17,7 +17,7 @@ from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_summary import by_setup, states_after
 
 LEVELS: Array = np.append(np.arange(1, 20) / 20, 0.99)
-"""Nominal probabilities of the regions that are looked at: 5, 10, ... 95 and 99 %."""
+"""Nominal probabilities of the regions that are evaluated: 5, 10, ... 95 and 99 %."""
 _DIMENSIONS = 6
 _BINS = 6
 """Groups of equally many runs whose errors are averaged."""
@@ -32,7 +32,7 @@ def observed_shares(distances2: ArrayLike, levels: ArrayLike = LEVELS) -> Array:
 
 
 def binomial_band(n: int, levels: ArrayLike = LEVELS) -> tuple[Array, Array]:
-    """Between which shares (k,), (k,) an honest estimate's lie in 95 % of samples of `n` independent runs."""
+    """The 95 % limits (k,), (k,) of the shares of a calibrated estimate in `n` independent runs."""
     p = np.asarray(levels, dtype=np.float64)
     return binom.ppf(0.025, n, p) / n, binom.ppf(0.975, n, p) / n
 

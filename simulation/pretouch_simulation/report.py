@@ -1,4 +1,4 @@
-"""The demo's report: one HTML file with everything inside, to turn and zoom."""
+"""The demo's report: one self-contained HTML file whose scenes can be turned and zoomed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _BELOW = {"orientation": "h", "y": -0.18}
 
 
 def save_report(recordings: Sequence[Recording], about: str, path: Path) -> None:
-    """Writes the report; `about` is a sentence on how it came to be."""
+    """Writes the report; `about` is a sentence on its settings."""
     parts = "\n".join(_section(recording) for recording in recordings)
     path.write_text(
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>pretouch demo</title>'

@@ -28,13 +28,13 @@ from pretouch.v1 import common_pb2
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch.wire.common import samples_from_proto
-from pretouch_simulation.robot_motion import Motion, around
+from pretouch_simulation.robot_motion import Motion, motion_around
 
 Measure = Callable[[Array], tuple[Array, NDArray[np.int64]]]
 """Tip poses (n, 4, 4) in base to ranges (n,), m, NaN = none, and status codes (n,)."""
 
 POSE_RATE = 50.0
-"""Tip poses per second that the robot tells the gateway at least."""
+"""The least rate, per second, at which the robot sends tip poses to the gateway."""
 _LEAD = 0.1  # s from announcing a motion to its start
 _PATIENCE = 20.0  # s that the gateway may take beyond the motion itself, and to find its device
 
@@ -64,7 +64,7 @@ class DirectRobot:
 
 
 class Finger(Protocol):
-    """The far end of the serial line, which must know where the robot holds it: a `FingerProcess`."""
+    """The simulated device at the end of the serial line, which must know its pose: a `FingerProcess`."""
 
     def play(self, trajectory: Trajectory, start: float | None = None) -> None: ...
 
@@ -75,7 +75,7 @@ class GatewayRobot:
     Use it in a `with` block; entering waits until the gateway hears the finger.
 
     Args:
-        finger: told beforehand how the robot will move.
+        finger: is told each motion in advance.
         gateway: `host:port` of the sensor gateway.
         device: the finger's name there; empty: the only one.
         pace: how many times as fast as planned it moves.
@@ -114,12 +114,12 @@ class GatewayRobot:
         self._channel.close()
 
     def scan(self, plan: ScanPlan) -> RangeSamples:
-        """Makes the planned scan and answers the samples that the gateway fused, in s since the Unix epoch."""
+        """Makes the planned scan and returns the samples that the gateway fused, in s since the Unix epoch."""
         samples, _ = self._play(plan)
         return samples
 
     def scan_to_gateway(self, plan: ScanPlan) -> GatewaySpan:
-        """Makes the planned scan and answers when it was: the gateway keeps the samples."""
+        """Makes the planned scan and returns its time span; the gateway keeps the samples."""
         _, span = self._play(plan)
         return span
 
@@ -130,29 +130,29 @@ class GatewayRobot:
         self._finger.play(motion.path, start)
         timeout = motion.path.duration + _LEAD + _PATIENCE
         try:
-            answers = self._gateway.StreamPoints(self._told(motion.path, start), timeout=timeout)
+            answers = self._gateway.StreamPoints(self._tell_poses(motion.path, start), timeout=timeout)
             batches = [samples_from_proto(answer.samples) for answer in answers]
         except grpc.RpcError as error:
             raise from_rpc_error(error) from error
         span = GatewaySpan(self._device, start + motion.start, start + motion.end)
-        return _within(batches, span), span
+        return _samples_within(batches, span), span
 
-    def _told(self, path: Trajectory, start: float) -> Iterator[pb.StreamPointsRequest]:
+    def _tell_poses(self, path: Trajectory, start: float) -> Iterator[pb.StreamPointsRequest]:
         """Tells the gateway each pose when the tip is there: at POSE_RATE, and at the corners of its path."""
         yield pb.StreamPointsRequest(device=self._device)
         times = np.union1d(np.arange(0.0, path.duration, 1.0 / POSE_RATE), path.t)
-        told = 0
-        while told < len(times):
-            time.sleep(max(0.0, start + times[told] - time.time()))
-            due = max(told + 1, int(np.searchsorted(start + times, time.time(), side="right")))
-            now = times[told:due]
+        sent = 0
+        while sent < len(times):
+            time.sleep(max(0.0, start + times[sent] - time.time()))
+            due = max(sent + 1, int(np.searchsorted(start + times, time.time(), side="right")))
+            now = times[sent:due]
             yield pb.StreamPointsRequest(
                 tip_poses=[
                     pb.TipPose(t=start + t, base_t_tip=common_pb2.Pose(matrix=pose.ravel()))
                     for t, pose in zip(now, path.at(now), strict=True)
                 ]
             )
-            told = due
+            sent = due
 
     def _wait_for_finger(self) -> None:
         give_up = time.monotonic() + _PATIENCE
@@ -174,10 +174,10 @@ class GatewayRobot:
 
 
 def _next_motion(motions: list[Motion], plan: ScanPlan) -> Motion:
-    return around(plan.path, motions[-1].path.base_T_tip[-1] if motions else None)
+    return motion_around(plan.path, motions[-1].path.base_T_tip[-1] if motions else None)
 
 
-def _within(batches: list[RangeSamples], span: GatewaySpan) -> RangeSamples:
+def _samples_within(batches: list[RangeSamples], span: GatewaySpan) -> RangeSamples:
     """The samples of all batches that lie in the span, in the order of time.
 
     Raises:

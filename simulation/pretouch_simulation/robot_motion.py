@@ -35,7 +35,7 @@ class Motion:
         return Motion(Trajectory(self.path.t / pace, self.path.base_T_tip), self.start / pace, self.end / pace)
 
 
-def around(scan: Trajectory, base_T_tip: Array | None) -> Motion:
+def motion_around(scan: Trajectory, base_T_tip: Array | None) -> Motion:
     """The motion that makes `scan` from where the tip is, 4x4; None: it starts above the first waypoint.
 
     "Up" is against the beam at the scan's first waypoint. The tip rises to CLEARANCE above the scan's highest waypoint

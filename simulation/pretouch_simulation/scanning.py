@@ -1,4 +1,4 @@
-"""A finger moved exactly along a planned path, its samples taken straight from the world."""
+"""A scan by a finger that follows a planned path exactly, its samples computed from the world."""
 
 from __future__ import annotations
 

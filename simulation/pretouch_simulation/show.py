@@ -1,4 +1,4 @@
-"""The demo itself: a drill over REST, then a mug over gRPC, a finger on a serial line for each, and what came of it."""
+"""The demo: a drill over REST, then a mug over gRPC, each with a finger on a serial line; then picture and report."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PACE = 8.0
 """How many times as fast as planned the simulated robot moves; its finger measures as much faster."""
 _TIMEOUT = 60.0
 _BUDGET = Budget(fraction=0.6)
-"""More than the default share of the object may be scanned: the demo is to show convergence."""
+"""A larger share of the object than the default may be scanned, so that the demo shows convergence."""
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,15 @@ def show(results: Path, seed: int, camera: CameraModel, model: FingerModel, engi
     with ExitStack() as stack:
         with console.status("Starting the fingers and the four services ..."):
             fingers = {
-                name: stack.enter_context(_finger(case, model, seed, PACE * sensor.rate))
+                name: stack.enter_context(_start_finger(case, model, seed, PACE * sensor.rate))
                 for name, case in cases.items()
             }
             devices = [f"{name}={finger.port}" for name, finger in fingers.items()]
             services = stack.enter_context(Services(devices, engine_variable(engine)))
-        _say(
+        _print(
             console,
             f"REST {services.rest}, gRPC {services.grpc}, gateway {services.gateway}.",
-            f"The {camera} camera's extrinsics are wrong by up to 2 cm and 5 degrees per axis; nobody is told how.",
+            f"The {camera} camera's extrinsics are wrong by up to 2 cm and 5 degrees per axis; no service knows how.",
             f"The robot moves {PACE:g} times as fast as planned, and its {model} finger measures as much faster.",
         )
         with Live(live_table(recordings), console=console, auto_refresh=False) as live:
@@ -77,26 +77,26 @@ def show(results: Path, seed: int, camera: CameraModel, model: FingerModel, engi
                 recordings.append(Recording(f"{act.object_name}, {act.api}", cases[act.object_name]))
                 for _ in _play(act, recordings[-1], services, fingers[act.object_name], sensor):
                     live.update(live_table(recordings), refresh=True)
-    _say(console, *(f"{recording.title}: {recording.end()}" for recording in recordings))
-    _keep(recordings, results, f"engine {engine}, {camera} camera, {model} finger, seed {seed}", console)
-    _say(console, f"All of it took {time.monotonic() - started:.0f} s.")
+    _print(console, *(f"{recording.title}: {recording.end()}" for recording in recordings))
+    _save_results(recordings, results, f"engine {engine}, {camera} camera, {model} finger, seed {seed}", console)
+    _print(console, f"All of it took {time.monotonic() - started:.0f} s.")
 
 
 def _play(
     act: Act, recording: Recording, services: Services, finger: FingerProcess, sensor: Sensor
 ) -> Iterator[Recording]:
-    with GatewayRobot(finger, services.gateway, act.object_name, PACE) as robot, _client(act, services) as client:
-        execute = _sending_samples(robot) if act.api == "REST" else _naming_spans(robot, services.gateway)
+    with GatewayRobot(finger, services.gateway, act.object_name, PACE) as robot, _open_client(act, services) as client:
+        execute = _send_samples(robot) if act.api == "REST" else _name_spans(robot, services.gateway)
         yield from record(client, recording, request_for(recording.case, sensor, _BUDGET), mask=False, execute=execute)
 
 
-def _client(act: Act, services: Services) -> SyncClient[Any, Any]:
+def _open_client(act: Act, services: Services) -> SyncClient[Any, Any]:
     if act.api == "REST":
         return RestClient(services.rest, timeout=_TIMEOUT)
     return GrpcClient(services.grpc, timeout=_TIMEOUT)
 
 
-def _sending_samples(robot: GatewayRobot) -> Execute:
+def _send_samples(robot: GatewayRobot) -> Execute:
     def execute(plan: ScanPlan) -> tuple[Submission, RangeSamples]:
         samples = robot.scan(plan)
         return samples, samples
@@ -104,17 +104,17 @@ def _sending_samples(robot: GatewayRobot) -> Execute:
     return execute
 
 
-def _naming_spans(robot: GatewayRobot, gateway: str) -> Execute:
-    """The robot only says when it scanned; the orchestrator asks the gateway, and so does the demo for its picture."""
+def _name_spans(robot: GatewayRobot, gateway: str) -> Execute:
+    """The robot submits only the time of the scan; the orchestrator, and the demo for its picture, ask the gateway."""
 
     def execute(plan: ScanPlan) -> tuple[Submission, RangeSamples]:
         span = robot.scan_to_gateway(plan)
-        return span, _kept_samples(gateway, span)
+        return span, _fetch_samples(gateway, span)
 
     return execute
 
 
-def _kept_samples(gateway: str, span: GatewaySpan) -> RangeSamples:
+def _fetch_samples(gateway: str, span: GatewaySpan) -> RangeSamples:
     fields: dict[str, Any] = {"device": span.device, "from": span.start, "to": span.end}
     with open_sync_channel(gateway) as channel:
         answer = SensorGatewayServiceStub(channel).GetSamples(pb.GetSamplesRequest(**fields), timeout=_TIMEOUT)
@@ -122,7 +122,7 @@ def _kept_samples(gateway: str, span: GatewaySpan) -> RangeSamples:
 
 
 @contextmanager
-def _finger(case: Case, model: FingerModel, seed: int, rate: float) -> Iterator[FingerProcess]:
+def _start_finger(case: Case, model: FingerModel, seed: int, rate: float) -> Iterator[FingerProcess]:
     with tempfile.TemporaryDirectory(prefix="pretouch-") as folder:
         world = Path(folder) / "world.npz"
         case.world.save(world)
@@ -130,12 +130,12 @@ def _finger(case: Case, model: FingerModel, seed: int, rate: float) -> Iterator[
             yield finger
 
 
-def _keep(recordings: Sequence[Recording], results: Path, how: str, console: Console) -> None:
+def _save_results(recordings: Sequence[Recording], results: Path, how: str, console: Console) -> None:
     results.mkdir(parents=True, exist_ok=True)
     picture, report = results / "picture.png", results / "report.html"
     save_picture(recordings, picture)
     save_report(recordings, f"Simulated objects, camera and finger; all four services as they are; {how}.", report)
-    _say(
+    _print(
         console,
         "",
         f"{picture}: for each object the depth image with the regions in the order they were scanned; the camera's "
@@ -145,7 +145,7 @@ def _keep(recordings: Sequence[Recording], results: Path, how: str, console: Con
     )
 
 
-def _say(console: Console, *lines: str) -> None:
+def _print(console: Console, *lines: str) -> None:
     """Prints the lines as they are: paths and addresses are never broken."""
     for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Which meshes parameters may be chosen on, and which are kept for reporting.
+"""The split of meshes into those for choosing parameters and those for reporting.
 
 Parameters are chosen on `train`, results are reported on `validation`. The side is a hash of the object's name, so
 that it is the same on any machine, needs no list, and stays when meshes are added.
@@ -24,10 +24,10 @@ class Split(StrEnum):
 
 
 def object_of(stem: str) -> str:
-    """What a mesh called `<source>__<name>` or `<name>` shows: its name without what tells near-duplicates apart.
+    """The object that a mesh `<source>__<name>` or `<name>` shows: its name without what marks near-duplicates.
 
     Dropped are the source, trailing numbers and letters (`stapler_2`, `bowl_b`), and colours (`red_cup`), so that one
-    object in two paints is one, and so are all bowls that are called nothing but that.
+    object in two colours counts once, and so do all meshes named just `bowl`.
     """
     words = stem.lower().rpartition("__")[2].split("_")
     while len(words) > 1 and (words[-1].isdigit() or (len(words[-1]) == 1 and words[-1].isalpha())):
@@ -37,12 +37,12 @@ def object_of(stem: str) -> str:
 
 
 def split_of(stem: str) -> Split:
-    """The side of the mesh with the file stem `stem`: all meshes of one `object_of` are on the same."""
+    """The side of the mesh with the file stem `stem`: all meshes of one object are on the same side."""
     return Split.VALIDATION if _share(object_of(stem)) < VALIDATION_SHARE else Split.TRAIN
 
 
-def mixed(stem: str) -> float:
-    """A key in [0, 1) to sort by: an order fixed by the names alone, in which the first few are from all sources."""
+def mixing_key(stem: str) -> float:
+    """A sort key in [0, 1): the order depends on the names alone and mixes the sources."""
     return _share(f"order of {stem}")
 
 

@@ -16,16 +16,17 @@ _SLACK = 0.001
 _SAME_WAY = float(np.cos(np.radians(20.0)))
 """Cosine of the angle between two faces up to which resting on the one or the other is the same."""
 _MOST_VERTICES = 20_000
-"""Of a mesh that is looked at as it is; of a larger one, only the outermost."""
+"""A mesh with more vertices is reduced to its outermost ones."""
 _FINENESS = 15
-"""Of the directions in which vertices are outermost: there are about 3000."""
+"""Fineness of the directions in which vertices are outermost: there are about 3000."""
 
 
-def standing(mesh: Mesh) -> Mesh:
-    """The mesh on z = 0, centred on x = y = 0: as it is if it stands, else on the face of its hull it prefers.
+def stand(mesh: Mesh) -> Mesh:
+    """The mesh on z = 0, centred on x = y = 0: as it is if that is stable, else in its likeliest resting pose.
 
-    The mass is taken to fill the hull evenly. The preferred face is the one that holds the centre of mass above it
-    and looks largest from there, which is about how often a dropped object comes to rest on it.
+    The mass is assumed to fill the convex hull evenly. In the likeliest pose the mesh rests on the face of the hull
+    that supports the centre of mass and has the largest solid angle seen from it: that approximates the probability
+    that a dropped object comes to rest on the face.
 
     Raises:
         InvalidInput: the mesh is flat or a line.
@@ -38,33 +39,33 @@ def standing(mesh: Mesh) -> Mesh:
     centre = _centre_of_mass(vertices, hull)
     if _stands(vertices, centre, np.array([0.0, 0.0, -1.0])):
         return mesh.resting()
-    return _on(mesh, _preferred(vertices, hull, centre)[0])
+    return _rest_on(mesh, _resting_faces(vertices, hull, centre)[0])
 
 
 def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
-    """The mesh in up to `most` ways in which it rests: as `standing` first, then by how often a drop ends so.
+    """The mesh in up to `most` resting poses: that of `stand` first, then the likeliest after a drop.
 
-    Ways that differ by a turn about the vertical alone, or by less than 20 degrees, are one.
+    Poses that differ by a turn about the vertical alone, or by less than 20 degrees, count once.
 
     Raises:
         InvalidInput: the mesh is flat or a line.
     """
-    first = standing(mesh)
+    first = stand(mesh)
     vertices = _outermost(first.vertices)
     hull = ConvexHull(vertices)
     ways = [np.array([0.0, 0.0, -1.0])]
-    for down in _preferred(vertices, hull, _centre_of_mass(vertices, hull)):
+    for down in _resting_faces(vertices, hull, _centre_of_mass(vertices, hull)):
         if len(ways) < most and all(down @ way < _SAME_WAY for way in ways):
             ways.append(down)
-    return [first, *(_on(first, down) for down in ways[1:])][:most]
+    return [first, *(_rest_on(first, down) for down in ways[1:])][:most]
 
 
-def _on(mesh: Mesh, down: Array) -> Mesh:
-    return mesh.moved(Pose.of(_turning_down(down), np.zeros(3))).resting()
+def _rest_on(mesh: Mesh, down: Array) -> Mesh:
+    return mesh.moved(Pose.of(_rotation_down(down), np.zeros(3))).resting()
 
 
 def _outermost(vertices: Array) -> Array:
-    """(k, 3) of the vertices (n, 3): all, or of very many the outermost one in each of some directions all around."""
+    """(k, 3) of the vertices (n, 3): all of them, or of very many the outermost in each of about 3000 directions."""
     if len(vertices) <= _MOST_VERTICES:
         return vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -75,8 +76,8 @@ def _outermost(vertices: Array) -> Array:
     return np.asarray(vertices[order[np.append(np.diff(cells[order]) != 0, True)]])
 
 
-def _preferred(vertices: Array, hull: ConvexHull, centre: Array) -> list[Array]:
-    """Unit directions (3,) of the hull's faces on which the mesh stands, the one that looks largest first."""
+def _resting_faces(vertices: Array, hull: ConvexHull, centre: Array) -> list[Array]:
+    """Unit directions (3,) of the hull's faces on which the mesh stands, the largest solid angle first."""
     share: dict[tuple[float, ...], float] = {}
     faces: dict[tuple[float, ...], Array] = {}
     for simplex, equation in zip(hull.simplices, hull.equations, strict=True):
@@ -101,7 +102,7 @@ def _centre_of_mass(vertices: Array, hull: ConvexHull) -> Array:
 def _stands(vertices: Array, centre: Array, down: Array) -> bool:
     """Whether the centre of mass is above the support polygon of the vertices that are lowest towards `down`."""
     depth = vertices @ down
-    to_plane = _turning_down(down)
+    to_plane = _rotation_down(down)
     foot = (vertices[depth > depth.max() - _CONTACT] @ to_plane.T)[:, :2]
     mass = (to_plane @ centre)[:2]
     try:
@@ -111,7 +112,7 @@ def _stands(vertices: Array, centre: Array, down: Array) -> bool:
     return bool((support.equations[:, :2] @ mass + support.equations[:, 2] < _SLACK).all())
 
 
-def _turning_down(down: Array) -> Array:
+def _rotation_down(down: Array) -> Array:
     """A rotation that takes the unit vector `down` to -z."""
     z = -down
     x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])

@@ -13,24 +13,24 @@ from typing import Any, TypeVar
 
 Answer = TypeVar("Answer")
 ONE_THREAD = {name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
-"""Every sum has one order then."""
+"""One thread each, so that sums are made in a fixed order."""
 
 
-def in_workers(
+def run_in_workers(
     function: Callable[..., Answer],
     calls: Sequence[tuple[Any, ...]],
     workers: int,
     prepare: Callable[..., None],
     arguments: tuple[Any, ...] = (),
 ) -> Iterator[Answer]:
-    """`function(*call)` for each of `calls`, the answers as they come.
+    """Calls `function(*call)` for each of `calls`; yields the answers as they come.
 
     Args:
-        function: of a module, so that a worker finds it; so is `prepare`.
-        prepare: called once in each worker, with `arguments`: compiles and loads what the first call would wait for.
+        function: a module's own, so that a worker can import it; so is `prepare`.
+        prepare: called once in each worker, with `arguments`: compiles and loads in advance what the first call needs.
 
     Raises:
-        KeyboardInterrupt: no further call was begun.
+        KeyboardInterrupt: calls that had not begun are dropped.
     """
     if not calls:
         return
@@ -47,7 +47,7 @@ def in_workers(
 
 
 def _begin(prepare: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    """Leaves interrupts to the parent, and ends with it."""
+    """Ignores interrupts, which the parent handles, and ends with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

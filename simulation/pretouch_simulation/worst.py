@@ -1,4 +1,4 @@
-"""The runs that went worst, and why: what the finger met there, seen by one who knows the truth."""
+"""The worst runs and their likely causes, judged with knowledge of the truth."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FLAT = float(np.cos(np.radians(15.0)))
 """A surface is flat here if its normal is within 15 degrees of the vertical."""
 _FEW = 12
 _SECOND = 0.5
-"""Share of the error that a second place must be nearer to the truth by, to be called the right one."""
+"""A second mode must be nearer to the truth by this share of the error to be called the right one."""
 
 
 class Met(StrEnum):
@@ -45,13 +45,13 @@ class Diagnosis:
 
     Attributes:
         distance2: of the truth, in the metric of the stated covariance; 12.59 is the limit of its 95 % region.
-        weakest: the direction that the estimate calls most free; empty if there is none.
+        weakest: the estimate's least certain direction; empty if there is none.
         beams, returns: of all scans so far.
-        met: how many returns met what.
+        met: the number of returns from each kind of surface.
         flat: share of the hits on the object that met a level surface.
-        second_distance: how far, in the mean, the object's points are apart between the estimate and the place that
-            the engine names as the next likely one; None if it names none.
-        second_error: the error that this place would have.
+        second_distance: mean distance of the object's points between the estimate and the engine's second mode; None
+            if it has no second mode.
+        second_error: the error of that mode.
     """
 
     error: float
@@ -96,9 +96,9 @@ def worst_runs(runs: Sequence[Run], scan: int, count: int) -> list[Run]:
 
 
 def diagnose(case: Case, record: Record, engine: Engine) -> Diagnosis:
-    """What became of the session `record` on `case`, whose estimate is by `engine`."""
+    """Diagnoses the session `record` on `case`, whose estimate is by `engine`."""
     scan = Scan.concatenate(list(record.measured))
-    kinds = what_was_met(case, scan.points())
+    kinds = surfaces_met(case, scan.points())
     detail = Detail.of(case, record.estimate)
     error = case.error(record.estimate.base_T_correction)
     second = _second_place(case, record, engine)
@@ -116,7 +116,7 @@ def diagnose(case: Case, record: Record, engine: Engine) -> Diagnosis:
     )
 
 
-def what_was_met(case: Case, points: Array) -> NDArray[np.str_]:
+def surfaces_met(case: Case, points: Array) -> NDArray[np.str_]:
     """(n,) `Met` of points (n, 3), m, in base, as the finger found them."""
     in_camera = case.base_T_camera.inverse().apply(case.truth.inverse().apply(points))
     height, width = case.mask.shape
@@ -136,7 +136,7 @@ def _flat_share(case: Case, scan: Scan, kinds: NDArray[np.str_]) -> float:
 
 
 def _second_place(case: Case, record: Record, engine: Engine) -> tuple[float, float] | None:
-    """Distance of the engine's second place from its best, and the error there, m; None if it names none."""
+    """Distance of the engine's second mode from its best one, and its error, m; None without a second mode."""
     settings = Settings(engine, record.request.prior, record.request.sensor)
     others = Registrar().solution_of(record.scene, record.measured, settings).others
     if len(others) == 0:

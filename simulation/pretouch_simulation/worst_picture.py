@@ -1,4 +1,4 @@
-"""The worst runs in a picture: where the finger looked, what it met, and where the object was put instead."""
+"""The worst runs in a picture: where the finger scanned, what it hit, and where the estimate puts the object."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from pretouch.tof import Scan
 from pretouch_simulation.picture import limits, thinned
 from pretouch_simulation.protocol import Case
 from pretouch_simulation.reliability import save_small
-from pretouch_simulation.worst import Diagnosis, Met, what_was_met
+from pretouch_simulation.worst import Diagnosis, Met, surfaces_met
 
 _TRUE, _ESTIMATED, _MISS = "#1b7837", "#d95f02", "#377eb8"
 _MET = {Met.SEEN: "#1f1f1f", Met.HIDDEN: "#e7298a", Met.BLIND: "#984ea3", Met.TABLE: "#999999"}
 _MARGIN = 45
 _MOST_POINTS = 1500
 _MISS_LENGTH = 0.02
-"""m of a miss's beam that is drawn."""
+"""m: the length drawn of a beam without a return."""
 _CM = 100.0
 
 
@@ -51,7 +51,7 @@ def save_worst(failures: Sequence[Failure], title: str, path: Path) -> None:
             line.suptitle(f"{failure.title}: {failure.diagnosis.reason}", fontsize=11, x=0.01, ha="left", weight="bold")
             depth, above, side, numbers = line.subplots(1, 4, width_ratios=(1.2, 1, 1, 0.9))
             scan = Scan.concatenate(list(failure.record.measured))
-            kinds = what_was_met(failure.case, scan.points())
+            kinds = surfaces_met(failure.case, scan.points())
             _draw_depth(depth, failure.case, scan, kinds)
             _draw_view(above, failure, scan, kinds, 1, "from above", "base y, cm")
             _draw_view(side, failure, scan, kinds, 2, "from the side", "height, cm")
@@ -113,7 +113,7 @@ def _draw_view(
 
 
 def _misses(scan: Scan) -> Array:
-    """(n, 2, 3), m, in base: a piece of each beam without a return, which ends as far out as the others in the mean."""
+    """(n, 2, 3), m, in base: a piece of each beam without a return, ending at the mean range of the returns."""
     missed = ~scan.returned
     depth = float(np.median(scan.ranges[scan.returned])) if scan.returned.any() else _MISS_LENGTH
     ends = scan.origins[missed] + depth * scan.directions[missed]

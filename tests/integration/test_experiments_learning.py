@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from experiment_modules import EXPERIMENTS, kept, one_scan, one_scan_figures, one_scan_text, oracle, table1
 from made_frame import write_mesh
 from pretouch_simulation.objects import MAKERS
+from pretouch_simulation.partial_rows import PartialRows
 
+from experiments import one_scan, one_scan_figures, one_scan_text, oracle, table1
 from pretouch.errors import Conflict, Malformed
 
 HUGE = 99.0
@@ -43,7 +44,7 @@ def row(target: str, subject: str, errors: list[list[float]], **changes: Any) ->
         **{"target": target, "object": name, "view": int(view), "setup": "ideal", "subject": subject, "count": 10},
         **{"offsets": len(errors[0]) if errors else 2, "seed": 0, "errors": errors, "initial": [0.02, 0.04]},
         **{"rectangles": [[0.0, 0.0, 1.0, 1.0, 0.0]] * len(errors), "confidence": [0.5] * len(errors)},
-        **{"foreseen": [], "pathless": 0, **changes},
+        **{"predicted": [], "pathless": 0, **changes},
     }
     return one_scan.Row(**values)
 
@@ -59,7 +60,7 @@ def test_an_objects_cell_is_over_all_views_and_its_proposals_average_their_offse
 
 def test_a_proposers_line_averages_objects_and_compares_only_where_there_are_candidates() -> None:
     rows = [
-        row("cup 0", "candidates", [[0.02, 0.02], [0.06, 0.06]], foreseen=[0.3, 0.1]),
+        row("cup 0", "candidates", [[0.02, 0.02], [0.06, 0.06]], predicted=[0.3, 0.1]),
         row("cup 0", "deep", [[0.03, 0.03]]),
         row("cup 1", "deep", [[HUGE, HUGE]]),  # no candidates there: it does not count for the gain
         row("box 0", "deep", [[0.01, 0.01]], pathless=1),
@@ -80,12 +81,12 @@ def test_a_proposers_line_averages_objects_and_compares_only_where_there_are_can
 def test_the_gain_of_a_proposer_is_on_the_views_that_it_shares_with_the_candidates() -> None:
     candidates = [[0.01, 0.01]] * 10 + [[0.05, 0.05]] * 10
     rows = [
-        row("cup 0", "candidates", candidates, foreseen=[0.0] * 10 + [1.0] * 10),
-        row("box 0", "candidates", [[HUGE, HUGE]] * 20, foreseen=[0.0] * 20),
+        row("cup 0", "candidates", candidates, predicted=[0.0] * 10 + [1.0] * 10),
+        row("box 0", "candidates", [[HUGE, HUGE]] * 20, predicted=[0.0] * 20),
         row("cup 0", "deep", [[0.015, 0.015]]),
     ]
     ends = one_scan_figures.ends(rows[:1])
-    assert (ends.chance, ends.oracle, ends.foreseen) == pytest.approx((0.03, 0.01, 0.01))
+    assert (ends.chance, ends.oracle, ends.predicted) == pytest.approx((0.03, 0.01, 0.01))
     assert one_scan_figures.overall(rows, "deep").gap == pytest.approx(0.75)
 
 
@@ -99,17 +100,17 @@ def test_the_papers_own_row_stands_beside_ours_and_what_is_not_ready_is_said() -
 
 def test_rows_survive_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
     path = tmp_path / "a.partial"
-    kept.Kept(path, {"seed": 0}).add({"k": 1})
+    PartialRows(path, {"seed": 0}).add({"k": 1})
     path.write_text(path.read_text() + '{"k": 2')
-    again = kept.Kept(path, {"seed": 0})
+    again = PartialRows(path, {"seed": 0})
     assert again.rows == [{"k": 1}]
     again.add({"k": 3})
-    assert kept.Kept(path, {"seed": 0}).rows == [{"k": 1}, {"k": 3}]
+    assert PartialRows(path, {"seed": 0}).rows == [{"k": 1}, {"k": 3}]
     with pytest.raises(Conflict):
-        kept.Kept(path, {"seed": 1})
+        PartialRows(path, {"seed": 1})
 
 
-def test_two_candidates_are_scanned_foretold_and_compared_under_the_same_offset(meshes: Path) -> None:
+def test_two_candidates_are_scanned_predicted_and_compared_under_the_same_offset(meshes: Path) -> None:
     one_scan.prepare(["ideal", "paper"])
     target = one_scan.Target(meshes / "drill.obj", 0)
     by_finger, by_cut = (one_scan.run_job(one_scan.Job(target, s, "candidates", 2, 1, 0)) for s in ("ideal", "paper"))
@@ -119,8 +120,8 @@ def test_two_candidates_are_scanned_foretold_and_compared_under_the_same_offset(
     assert 0.003 < by_finger.initial[0] < 0.06
     assert [len(one) for one in by_finger.errors] == [1, 1]
     assert 0 < min(by_finger.errors)[0] < by_finger.initial[0]
-    assert len(by_finger.foreseen) == 2
-    assert by_cut.foreseen == []
+    assert len(by_finger.predicted) == 2
+    assert by_cut.predicted == []
     assert one_scan.run_job(one_scan.Job(target, "paper", "candidates", 2, 1, 0)) == by_cut
 
 
@@ -143,10 +144,10 @@ def test_earlier_rows_stay_where_they_fit_beside_the_new_ones(tmp_path: Path) ->
         made("cup 0", "ideal", "narf", seed=1),
     ]
     path = tmp_path / "table1.json"
-    assert table1.fitting(path, [], []) == ([], [])
+    assert table1.read_fitting_rows(path, [], []) == ([], [])
     path.write_text(json.dumps({"commands": ["first"], "rows": [one.as_dict() for one in earlier]}))
     job = one_scan.Job(one_scan.Target(Path("cup.ply"), 0), "ideal", "deep", 10, 2, 0)
-    kept_rows, commands = table1.fitting(path, [made("cup 0", "ideal", "deep")], [job])
+    kept_rows, commands = table1.read_fitting_rows(path, [made("cup 0", "ideal", "deep")], [job])
     # Made anew: deep under the ideal finger. Unfit: another view of that setup, another object, another seed.
     assert [one.key for one in kept_rows] == [
         ("cup 0", "ideal", "random"),
@@ -157,11 +158,11 @@ def test_earlier_rows_stay_where_they_fit_beside_the_new_ones(tmp_path: Path) ->
     assert commands == ["first"]
     path.write_text("{}")
     with pytest.raises(Malformed):
-        table1.fitting(path, [], [])
+        table1.read_fitting_rows(path, [], [])
 
 
 def run_table1(meshes: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(EXPERIMENTS / "table1.py"), "--meshes", str(meshes), "--out", str(out), *options]
+    command = [sys.executable, "-m", "experiments.table1", "--meshes", str(meshes), "--out", str(out), *options]
     return subprocess.run(command, capture_output=True, text=True, timeout=240)
 
 

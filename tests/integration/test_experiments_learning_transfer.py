@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from experiment_modules import EXPERIMENTS, transfer
 from made_frame import write_frame
 
+from experiments import transfer
 from pretouch.errors import NotFound
 
 
@@ -24,7 +24,7 @@ def test_transfer_is_made_of_frames_with_and_without_truth(tmp_path: Path) -> No
     frames, out = tmp_path / "frames", tmp_path / "out"
     frames.mkdir()
     write_frame(frames)
-    command = [sys.executable, str(EXPERIMENTS / "transfer.py"), "--frames", str(frames), "--scenes", str(frames)]
+    command = [sys.executable, "-m", "experiments.transfer", "--frames", str(frames), "--scenes", str(frames)]
     command += ["--proposers", "random", "--offsets", "1", "--settings", "paper", "--workers", "1", "--out", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr[-2000:]

@@ -6,7 +6,8 @@ from pathlib import Path
 from made_frame import write_mesh
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
-from pretouch_simulation.evaluation import Protocol, loop_of, request_of, run_task
+from pretouch_simulation.evaluation import run_task
+from pretouch_simulation.evaluation_protocol import Protocol, loop_of, request_of
 from pretouch_simulation.evaluation_tasks import MeshTask
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.objects import box, mug

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_detector.model.encoding import CHANNELS, SIZE
-from pretouch_detector.training.augment import augmented
+from pretouch_detector.training.augment import augment
 from pretouch_detector.training.targets import Targets
 
 from pretouch.rectangle import RotatedRectangle
@@ -33,7 +33,7 @@ def drawn(rectangle: RotatedRectangle) -> Targets:
 )  # fmt: skip
 def test_the_rectangle_stays_on_what_it_was_on(x: float, y: float, w: float, h: float, theta: float, seed: int) -> None:
     before = drawn(RotatedRectangle(x, y, w, h, theta))
-    after = augmented(before, np.random.default_rng(seed))
+    after = augment(before, np.random.default_rng(seed))
     distance = RotatedRectangle(*after.rectangles[0].tolist()).distance(PIXELS)
     on, seen = after.image[OBJECT] > 0, after.image[SEEN] > 0
     assert on[(distance < -2 * PIXEL) & seen].all()
@@ -47,7 +47,7 @@ def test_a_mirrored_view_has_its_places_mirrored() -> None:
     before = drawn(RotatedRectangle(0.0, 0.0, 0.5, 0.2, 0.3))
     turns = []
     for seed in range(40):
-        after = augmented(before, np.random.default_rng(seed))
+        after = augment(before, np.random.default_rng(seed))
         seen = after.image[SEEN] > 0
         slope = np.polyfit(np.nonzero(seen)[1], after.image[ACROSS][seen], 1)[0]
         assert slope > 0  # mirrored or not, right is right
@@ -56,7 +56,7 @@ def test_a_mirrored_view_has_its_places_mirrored() -> None:
 
 
 def test_unseen_pixels_hold_nothing() -> None:
-    after = augmented(drawn(RotatedRectangle(0.0, 0.0, 0.5, 0.4, 0.3)), np.random.default_rng(3))
+    after = augment(drawn(RotatedRectangle(0.0, 0.0, 0.5, 0.4, 0.3)), np.random.default_rng(3))
     lost = after.image[SEEN] == 0
     assert lost.any()
     assert not after.image[:LOG_SIZE, lost].any()

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_detector.proposals.displaced import mean_square
 from pretouch_detector.proposals.from_above import from_above
-from pretouch_detector.proposals.paths import paths
+from pretouch_detector.proposals.paths import perimeter_paths
 
 PIXEL, CELL = 0.002, 0.003
 SIDE = 60
@@ -20,7 +20,7 @@ def ground() -> np.ndarray:
 
 
 def along(places: np.ndarray, boxes: np.ndarray, away: np.ndarray, beams: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    return paths(boxes, places, (0, 0), 1, away, np.zeros(2), CELL, 0.015, beams)
+    return perimeter_paths(boxes, places, (0, 0), 1, away, np.zeros(2), CELL, 0.015, beams)
 
 
 def test_a_path_goes_once_round_evenly() -> None:

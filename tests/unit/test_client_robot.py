@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pretouch_simulation.robot import DirectRobot, GatewayRobot
-from pretouch_simulation.robot_motion import CLEARANCE, TRAVEL_SPEED, around
+from pretouch_simulation.robot_motion import CLEARANCE, TRAVEL_SPEED, motion_around
 
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
@@ -37,8 +37,8 @@ scans = st.builds(
 @given(scans, scans)
 @example(path((0.0, 0.0, 0.1), (0.02, 0.0, 0.1)), path((0.02, 1e-5, 0.1), (0.04, 0.0, 0.1)))
 def test_the_tip_lifts_travels_high_and_comes_down_along_the_beam(one: Trajectory, two: Trajectory) -> None:
-    first = around(one, None)
-    second = around(two, first.path.base_T_tip[-1])
+    first = motion_around(one, None)
+    second = motion_around(two, first.path.base_T_tip[-1])
     for scan, motion in ((one, first), (two, second)):
         np.testing.assert_allclose(motion.path.at(motion.start + scan.t), scan.base_T_tip, atol=1e-6)
         top = scan.base_T_tip[:, 2, 3].max() + CLEARANCE
@@ -56,7 +56,7 @@ def test_the_tip_lifts_travels_high_and_comes_down_along_the_beam(one: Trajector
 
 
 def test_a_faster_pace_keeps_the_path() -> None:
-    motion = around(path((0, 0, 0.1), (0.1, 0, 0.1)), None)
+    motion = motion_around(path((0, 0, 0.1), (0.1, 0, 0.1)), None)
     fast = motion.at_pace(4.0)
     assert fast.end - fast.start == pytest.approx((motion.end - motion.start) / 4)
     np.testing.assert_array_equal(fast.path.base_T_tip, motion.path.base_T_tip)

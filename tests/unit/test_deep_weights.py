@@ -84,7 +84,7 @@ def test_the_weights_that_are_shipped_make_deep_the_best_and_know_a_bad_region_f
     u0, v0, u1, v1 = SCENE.bounds()
     across = (0.5 * (u0 + u1), 0.5 * (v0 + v1), 0.7 * (u1 - u0), 0.7 * (v1 - v0), 0.3)
     corner = (u0, v0, 0.2 * (u1 - u0), 0.2 * (v1 - v0), 0.0)
-    good, bad = deep.foretold(deep.WEIGHTS.network(), SCENE, Sensor(), np.array([across, corner]))
+    good, bad = deep.predict_errors(deep.WEIGHTS.network(), SCENE, Sensor(), np.array([across, corner]))
     assert 0.0005 < good < bad < 0.03
 
 
@@ -102,7 +102,7 @@ def test_naming_the_proposers_imports_no_onnxruntime_and_asking_deep_no_torch(tm
         "import sys, pathlib, pretouch_detector.proposals.deep as deep, pretouch_detector.model.weights as weights\n"
         "assert 'onnxruntime' not in sys.modules\n"
         f"deep.WEIGHTS = weights.Weights(pathlib.Path({str(tmp_path / 'weights')!r}))\n"
-        "assert not deep.not_ready(), deep.not_ready()\n"
+        "assert not deep.reason_not_ready(), deep.reason_not_ready()\n"
         "assert 'onnxruntime' in sys.modules\n"
         "sys.exit('torch' in sys.modules)"
     )

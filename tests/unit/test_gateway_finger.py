@@ -51,7 +51,7 @@ def test_each_sample_is_of_its_own_moment_however_it_is_waited_for(waits: list[f
         while ahead and not device.idle:
             device.measure_ahead()
         now += wait
-        frames += device.due(now)
+        frames += device.take_due(now)
     for k, message in enumerate(ranges_of(frames)):
         t = k / 100.0
         assert message.sequence == k
@@ -68,15 +68,15 @@ def test_the_trajectory_announced_last_counts() -> None:
     device.announce(rising(T0, T0 + 1.0, speed=0.0, base=0.1))
     device.announce(rising(T0 + 0.205, T0 + 0.505, speed=0.0, base=0.2))
     device.measure_ahead()
-    seen = [message.ranges[0] for message in ranges_of(device.due(T0 + 1.0))]
+    seen = [message.ranges[0] for message in ranges_of(device.take_due(T0 + 1.0))]
     assert np.round(seen, 4).tolist() == [0.1] * 21 + [0.2] * 30 + [0.1] * 50
 
 
 def test_a_late_announcement_changes_nothing_that_was_sent() -> None:
     device = finger()
-    before = ranges_of(device.due(T0 + 0.5))
+    before = ranges_of(device.take_due(T0 + 0.5))
     device.announce(rising(T0, T0 + 1.0))
-    after = ranges_of(device.due(T0 + 1.0))
+    after = ranges_of(device.take_due(T0 + 1.0))
     assert {message.status for message in before} == {(NO_TARGET,)}
     assert {message.status for message in after} == {(0,)}
     assert after[0].ranges[0] == pytest.approx(0.051, abs=1e-4)
@@ -84,11 +84,11 @@ def test_a_late_announcement_changes_nothing_that_was_sent() -> None:
 
 def test_its_clock_starts_anywhere_drifts_and_answers_pings() -> None:
     device = finger()
-    device.due(T0)
-    (reply,) = FrameDecoder().feed(b"".join(device.answers(b"noise\x00" + encode(Ping(9)), T0 + 1000.0)))
+    device.take_due(T0)
+    (reply,) = FrameDecoder().feed(b"".join(device.reply_to(b"noise\x00" + encode(Ping(9)), T0 + 1000.0)))
     assert isinstance(reply, PingReply)
     assert reply.sequence == 9
-    (identity,) = FrameDecoder().feed(b"".join(device.answers(encode(Identify()), T0)))
+    (identity,) = FrameDecoder().feed(b"".join(device.reply_to(encode(Identify()), T0)))
     assert isinstance(identity, Identity)
     assert (identity.boot, identity.modules, identity.period) == (reply.boot, 1, pytest.approx(0.01))
     elapsed = (reply.micros - device.micros(T0)) % 2**32

@@ -51,7 +51,7 @@ def test_a_view_is_read_back_as_it_was_written(written: Example) -> None:
     assert found.scene.base_T_camera.is_close(written.scene.base_T_camera, 0)
     np.testing.assert_array_equal(found.scene.table.normal, written.scene.table.normal)
     assert found.scene.table.offset == written.scene.table.offset
-    for name in ("rectangles", "scores", "expected", "foreseen"):
+    for name in ("rectangles", "scores", "expected", "predicted"):
         np.testing.assert_array_equal(getattr(found, name), getattr(written, name))
 
 

@@ -12,10 +12,10 @@ from PIL import Image
 from pretouch_detector.training.dataset import Dataset, Example, read, write
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.finger import FingerModel
-from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe, label, labelled
+from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe, label, try_to_label
 from pretouch_simulation.labels.pictures import save_contact_sheet, save_statistics
-from pretouch_simulation.labels.procedural import procedural
-from pretouch_simulation.labels.scans import Scoring, after_scan
+from pretouch_simulation.labels.procedural import make_procedural
+from pretouch_simulation.labels.scans import Scoring, scan_and_register
 from pretouch_simulation.labels.statistics import statistics, statistics_of, table
 from pretouch_simulation.labels.task import Task
 from pretouch_simulation.mesh import Mesh
@@ -46,7 +46,7 @@ def test_every_rectangle_of_algorithm_1_keeps_all_its_scores(full: Example) -> N
     assert full.scores.shape == (12, 3)
     assert np.isfinite(full.scores).all()
     assert np.isnan(full.expected).all()
-    assert np.isnan(full.foreseen).all()
+    assert np.isnan(full.predicted).all()
     assert full.object == "code__blocks_006"
     assert full.provenance["source"] == "made in code"
     u0, v0 = full.provenance["first_pixel"]
@@ -62,16 +62,16 @@ def test_pruning_finds_the_same_winner_with_the_same_scores(full: Example, tmp_p
     assert np.isnan(np.delete(pruned.scores, winner, axis=0)).all()
 
 
-def test_a_scanned_view_keeps_what_was_foretold_and_what_came_of_it(tmp_path: Path) -> None:
+def test_a_scanned_view_keeps_what_was_predicted_and_what_came_of_it(tmp_path: Path) -> None:
     recipe = Recipe(Kind.SCANS, Engine.POSTERIOR, rectangles=5, scanned=2, trials=1)
     view = made(Task(0, 1, 0), recipe, tmp_path)
     scanned = np.isfinite(view.scores[:, 0])
     assert scanned.sum() == 2
-    assert scanned[np.argmin(view.foreseen)]
+    assert scanned[np.argmin(view.predicted)]
     np.testing.assert_array_equal(np.isfinite(view.expected[:, 0]), scanned)
     left = from_prior(Prior(), view.scene.cloud).expected_error
-    assert (view.foreseen > 0).all()
-    assert (view.foreseen < 1.001 * left).all()
+    assert (view.predicted > 0).all()
+    assert (view.predicted < 1.001 * left).all()
     assert (view.scores[scanned] < 0.06).all()
     again = made(Task(0, 1, 0), recipe, tmp_path / "again")
     np.testing.assert_array_equal(again.scores, view.scores)
@@ -86,18 +86,18 @@ def test_a_view_is_scanned_by_a_finger_of_its_own(tmp_path: Path) -> None:
     ideal = made(Task(0, 1, 0), replace(recipe, finger=FingerModel.IDEAL), tmp_path / "ideal")
     assert np.isfinite(view.scores).sum() == 1
     np.testing.assert_array_equal(again.scores, view.scores)
-    assert (view.foreseen != ideal.foreseen).any()
+    assert (view.predicted != ideal.predicted).any()
     assert (ideal.sensor.range_std, ideal.sensor.beam_half_angle) == (Sensor().range_std, 0.0)
     others = [made(task, recipe, tmp_path) for task in (Task(0, 0, 0), Task(0, 1, 1))]
     assert len({each.sensor.range_std for each in (view, *others)}) == 3
 
 
 def test_where_the_clients_mask_strays_the_objects_true_points_are_scored(tmp_path: Path) -> None:
-    view = Task(0, 1, 0).seen(0)
+    view = Task(0, 1, 0).load_view(0)
     truth = Pose.of(np.eye(3), np.array([0.01, 0.0, 0.0])) @ Pose.from_rotation_vector([0.0, 0.0, 0.2], np.zeros(3))
     strayed = replace(view.scene, mask=view.scene.depth.metres > 0)
     errors = [
-        after_scan(replace(view, scene=scene), None, truth, Scoring(), np.random.default_rng(0))[0]
+        scan_and_register(replace(view, scene=scene), None, truth, Scoring(), np.random.default_rng(0))[0]
         for scene in (view.scene, strayed)
     ]
     cloud = view.case.cloud
@@ -107,14 +107,14 @@ def test_where_the_clients_mask_strays_the_objects_true_points_are_scored(tmp_pa
 def test_a_mesh_in_millimetres_is_named_and_said_how_to_mend(tmp_path: Path) -> None:
     cup = mug()
     write_mesh(tmp_path / "cup.obj", Mesh(1000 * cup.vertices, cup.faces))
-    outcome = labelled(Task(tmp_path / "cup.obj", 0, 0), TRIALS, tmp_path)
+    outcome = try_to_label(Task(tmp_path / "cup.obj", 0, 0), TRIALS, tmp_path)
     assert outcome.problem.startswith("cup.obj is ")
     assert outcome.problem.endswith("Scale the mesh to metres.")
     assert not outcome.defect
 
 
 def test_a_mesh_that_is_not_watertight_is_labelled(tmp_path: Path) -> None:
-    whole = procedural(6)[1]
+    whole = make_procedural(6)[1]
     broken = Mesh(whole.vertices, whole.faces[np.arange(len(whole.faces)) % 7 != 0])
     assert not broken.watertight
     write_mesh(tmp_path / "broken.obj", broken)
@@ -149,7 +149,7 @@ def test_a_mesh_with_a_million_faces_is_labelled(tmp_path: Path) -> None:
 
 
 def test_a_fine_mesh_rests_as_a_coarse_one_does() -> None:
-    mesh = procedural(7)[1]
+    mesh = make_procedural(7)[1]
     fine = mesh
     while len(fine.vertices) < 25_000:
         a, b, c = (fine.vertices[fine.faces[:, k]] for k in range(3))
@@ -183,12 +183,12 @@ def test_statistics_of_a_view_know_best_median_and_what_cannot_be_scanned() -> N
     view = example(rectangles=4, trials=2)
     left = from_prior(Prior(), view.scene.cloud).expected_error
     scores = np.array([[0.03, 0.01], [0.02, 0.022], [np.nan, np.nan], [0.04, 0.01]])
-    changed = replace(view, scores=scores, foreseen=np.array([0.01, left, np.float32(left), 0.5 * left]))
+    changed = replace(view, scores=scores, predicted=np.array([0.01, left, np.float32(left), 0.5 * left]))
     mean = statistics_of(changed, "train", worst=False)
     assert (mean.best, mean.median, mean.unscannable) == (pytest.approx(0.02), pytest.approx(0.021), 0.5)
     worst = statistics_of(changed, "train", worst=True)
     assert (worst.best, worst.median) == (pytest.approx(0.022), pytest.approx(0.03))
-    assert np.isnan(statistics_of(replace(view, foreseen=np.full(4, np.nan)), "train", True).unscannable)
+    assert np.isnan(statistics_of(replace(view, predicted=np.full(4, np.nan)), "train", True).unscannable)
 
 
 def test_statistics_tell_what_of_a_score_is_luck() -> None:
@@ -219,5 +219,5 @@ def test_the_pictures_show_each_object_before_any_again(tmp_path: Path) -> None:
 def test_an_outcome_without_a_problem_is_a_label(tmp_path: Path) -> None:
     dataset = Dataset.create(tmp_path, describe(TRIALS, ""))
     task = Task(0, 0, 0)
-    assert labelled(task, TRIALS, tmp_path) == Outcome(task.name)
+    assert try_to_label(task, TRIALS, tmp_path) == Outcome(task.name)
     assert [path.stem for path in dataset.paths("train")] == [task.name]

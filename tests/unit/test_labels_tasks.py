@@ -12,7 +12,7 @@ from made_frame import write_frame
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks
-from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, labelled
+from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, try_to_label
 from pretouch_simulation.labels.task import tasks_of
 from pretouch_simulation.protocol import PLACE
 
@@ -77,7 +77,7 @@ def test_each_object_of_a_frame_is_a_view_upright_on_the_table(frame_file: Path)
     assert np.quantile(scene.cloud[:, 2], 0.98) == pytest.approx(0.06, abs=0.006)
     assert u0 > 0
     assert v0 > 0
-    view = tasks[1].seen(0)
+    view = tasks[1].load_view(0)
     assert len(view.case.world.bodies) == 2
     assert view.scene.mask.sum() == scene.mask.sum()
 
@@ -88,7 +88,7 @@ def test_a_frame_needs_neither_names_nor_poses(frame_file: Path) -> None:
     assert (task.name, task.object, task.label) == ("frame-4", "frame", 4)
     assert task.scene(0)[0].mask.sum() > 200
     with pytest.raises(InvalidInput, match="no object with its pose"):
-        task.seen(0)
+        task.load_view(0)
     changed(frame_file, object_labels=None)
     assert [task.label for task in frame_tasks(frame_file.parent)] == [3, 4]
 
@@ -117,7 +117,7 @@ def test_a_frame_without_an_object_or_broken_is_said_and_does_not_stop_others(
     changed(frame_file, **members)
     recipe = Recipe(Kind.TRIALS, Engine.PAPER, 2, 0, 1)
     for task in frame_tasks(frame_file.parent):
-        outcome = labelled(task, recipe, tmp_path)
+        outcome = try_to_label(task, recipe, tmp_path)
         assert not outcome.defect, outcome
         assert any(part in outcome.problem for part in what.split("|")), outcome
 
@@ -139,5 +139,5 @@ class OddTask(FrameTask):
 
 
 def test_a_defect_in_one_view_is_told_from_bad_input(tmp_path: Path) -> None:
-    outcome = labelled(OddTask(tmp_path / "odd.json"), Recipe(Kind.TRIALS, Engine.PAPER, 2, 0, 1), tmp_path)
+    outcome = try_to_label(OddTask(tmp_path / "odd.json"), Recipe(Kind.TRIALS, Engine.PAPER, 2, 0, 1), tmp_path)
     assert outcome == Outcome("odd", "ZeroDivisionError: by nought", defect=True)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_detector.overlap import common_areas, share
+from pretouch_detector.overlap import common_areas, intersection_over_union
 from rotated_shapes import rectangles, several, shapely_overlap
 
 
 def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(n, m): of all with all."""
-    return np.array([[share(one, other) for other in second] for one in first])
+    return np.array([[intersection_over_union(one, other) for other in second] for one in first])
 
 
 @settings(max_examples=60)
@@ -30,7 +30,11 @@ def test_symmetric_and_between_0_and_1(first: np.ndarray, second: np.ndarray) ->
 def test_with_itself_told_either_way_it_is_1(rectangle: np.ndarray) -> None:
     x, y, w, h, theta = rectangle
     quarter_turned = np.array([x, y, h, w, theta + np.pi / 2])
-    np.testing.assert_allclose([share(rectangle, rectangle), share(rectangle, quarter_turned)], 1, atol=1e-9)
+    np.testing.assert_allclose(
+        [intersection_over_union(rectangle, rectangle), intersection_over_union(rectangle, quarter_turned)],
+        1,
+        atol=1e-9,
+    )
 
 
 @given(rectangles, rectangles, st.floats(-3, 3), st.floats(-3, 3), st.floats(0.2, 5), st.booleans())
@@ -45,7 +49,9 @@ def test_moved_scaled_turned_or_mirrored_together_they_overlap_as_before(
             x, theta = -x, -theta
         return np.array([scale * x, scale * y, scale * w, scale * h, theta])
 
-    assert share(moved(first), moved(second)) == pytest.approx(share(first, second), abs=1e-9)
+    assert intersection_over_union(moved(first), moved(second)) == pytest.approx(
+        intersection_over_union(first, second), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("theta", [0.0, 0.3, -np.pi / 2, np.pi / 4])

@@ -115,7 +115,7 @@ def test_the_number_of_modules_does_not_overstate_what_a_scan_tells(problem: Pro
     np.testing.assert_allclose(np.diag(many), np.diag(left(problem, ACROSS)), rtol=0.3)
 
 
-def test_the_same_scan_again_is_foreseen_to_tell_less_than_a_new_one() -> None:
+def test_the_same_scan_again_is_predicted_to_tell_less_than_a_new_one() -> None:
     scene = BOX.scene(KINECT, np.random.default_rng(5)).cropped(0.1)[0]
     first: list[Scan] = [BOX.scanned(ACROSS, SENSOR, np.random.default_rng(0)).beams(SENSOR)]
     again, new = REGISTRAR.predict(scene, first, Settings(), [ACROSS, line((0.02, -0.08), (-0.03, 0.08))])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pretouch_simulation.depth_cameras import CameraModel, Rendering, realise
-from pretouch_simulation.depth_cameras.fields import blocks, smooth_field
+from pretouch_simulation.depth_cameras.fields import block_field, smooth_field
 from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.depth_cameras.matching import WindowCamera
 from pretouch_simulation.objects import box, drill
 from pretouch_simulation.protocol import CAMERA, case_of, generator, make_case
-from pretouch_simulation.stable_pose import standing
+from pretouch_simulation.stable_pose import stand
 from pretouch_simulation.world import Body, World
 
 from pretouch.geometry import Plane, Pose, rotation_from_vector
@@ -59,7 +59,7 @@ def test_the_same_seeds_render_the_same_image_and_others_another(model: CameraMo
 def test_the_kinect_s_cases_are_scored_where_the_client_s_mask_is() -> None:
     case = make_case("drill", drill(), 0)
     np.testing.assert_array_equal(case.mask, case.scored)
-    again = case_of("drill", standing(drill()), 0, generator("view", 0, "drill", 0))
+    again = case_of("drill", stand(drill()), 0, generator("view", 0, "drill", 0))
     np.testing.assert_array_equal(case.depth.metres, again.depth.metres)
     assert case.mask.sum() == 5199
     assert float(case.depth.metres.astype(np.float64).sum()) == pytest.approx(333032.1898, abs=0.01)
@@ -181,6 +181,6 @@ def test_smooth_fields_have_unit_variance_and_the_stated_scale(scale: float) -> 
 
 
 def test_blocks_are_the_camera_s_own_pixels() -> None:
-    field = blocks(np.random.default_rng(0), (20, 30), 2.0)
+    field = block_field(np.random.default_rng(0), (20, 30), 2.0)
     np.testing.assert_array_equal(field[::2], field[1::2])
     assert len(np.unique(field)) == 150

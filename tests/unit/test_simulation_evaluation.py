@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from made_runs import KEY, run_of
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol, finger_of, request_of
 from pretouch_simulation.evaluation_pool import PartialResults, keys, run_all
+from pretouch_simulation.evaluation_protocol import Protocol, finger_of, request_of
 from pretouch_simulation.evaluation_rows import RunKey, write_details
 from pretouch_simulation.evaluation_summary import errors_after, summaries
 from pretouch_simulation.evaluation_tasks import FrameTask, MeshTask

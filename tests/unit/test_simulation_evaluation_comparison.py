@@ -1,7 +1,7 @@
 """Two engines by object: which one loses where."""
 
 from made_runs import KEY, run_of
-from pretouch_simulation.evaluation_comparison import compared, comparison_table
+from pretouch_simulation.evaluation_comparison import compare_engines, comparison_table
 
 BOX = KEY._replace(mesh="box")
 RUNS = [
@@ -16,7 +16,7 @@ RUNS = [
 
 
 def test_only_pairs_that_are_lost_are_listed() -> None:
-    pairs = compared(RUNS, 2, "posterior", "point_to_plane")
+    pairs = compare_engines(RUNS, 2, "posterior", "point_to_plane")
     assert [(pair.mesh, pair.sensor, pair.n) for pair in pairs] == [("box", "ideal", 1), ("mug", "ideal", 2)]
     table = comparison_table(pairs, "posterior", "point_to_plane")
     assert table.startswith("`posterior` is worse than `point_to_plane` on 1 of 2 pairs")

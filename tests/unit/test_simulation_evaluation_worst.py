@@ -8,11 +8,12 @@ import pytest
 from made_runs import KEY, run_of
 from PIL import Image
 from pretouch_registrar.engines import Engine
-from pretouch_simulation.evaluation import Protocol, Step, steps_of
+from pretouch_simulation.evaluation import Step, run_steps
+from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.objects import box
 from pretouch_simulation.protocol import CAMERA, Case, make_case
-from pretouch_simulation.worst import Diagnosis, Met, diagnose, what_was_met, worst_runs
+from pretouch_simulation.worst import Diagnosis, Met, diagnose, surfaces_met, worst_runs
 from pretouch_simulation.worst_picture import Failure, save_worst
 
 from pretouch.session import Planner, Proposer
@@ -39,7 +40,7 @@ def case() -> Case:
 
 @pytest.fixture(scope="module")
 def steps(case: Case) -> list[Step]:
-    return steps_of(case, PROTOCOL, 2)
+    return run_steps(case, PROTOCOL, 2)
 
 
 def test_the_worst_come_first_and_runs_without_scans_do_not_count() -> None:
@@ -51,18 +52,18 @@ def test_the_worst_come_first_and_runs_without_scans_do_not_count() -> None:
 
 def test_what_the_finger_met_is_told_by_the_true_camera(case: Case) -> None:
     true_cloud = case.truth.apply(case.cloud)
-    assert (what_was_met(case, true_cloud[true_cloud[:, 2] > 0.02]) == Met.SEEN).mean() > 0.98
+    assert (surfaces_met(case, true_cloud[true_cloud[:, 2] > 0.02]) == Met.SEEN).mean() > 0.98
     view = case.truth.rotate(case.base_T_camera.rotation[:, 2][None])
     behind = true_cloud + 0.02 * view
-    assert (what_was_met(case, behind[behind[:, 2] > 0.01]) == Met.HIDDEN).mean() > 0.98
-    assert set(what_was_met(case, [[0.5, 0.0, 0.001]])) == {Met.TABLE}
-    assert what_was_met(case, np.zeros((0, 3))).shape == (0,)
+    assert (surfaces_met(case, behind[behind[:, 2] > 0.01]) == Met.HIDDEN).mean() > 0.98
+    assert set(surfaces_met(case, [[0.5, 0.0, 0.001]])) == {Met.TABLE}
+    assert surfaces_met(case, np.zeros((0, 3))).shape == (0,)
 
 
 def test_a_point_outside_the_image_is_where_there_is_no_depth(case: Case) -> None:
     base_T_camera = case.truth @ case.base_T_camera
     above = base_T_camera.apply(CAMERA.back_project([[320.0, -50.0]], [0.6]))
-    assert list(what_was_met(case, above)) == [Met.BLIND]
+    assert list(surfaces_met(case, above)) == [Met.BLIND]
 
 
 def test_a_diagnosis_adds_up(case: Case, steps: list[Step]) -> None:
@@ -77,7 +78,7 @@ def test_a_diagnosis_adds_up(case: Case, steps: list[Step]) -> None:
 
 
 def test_a_run_is_played_again_as_it_was(case: Case, steps: list[Step]) -> None:
-    again = steps_of(case, PROTOCOL, 1)
+    again = run_steps(case, PROTOCOL, 1)
     assert len(again) == 1
     first, same = steps[0].record.estimate, again[0].record.estimate
     np.testing.assert_array_equal(first.base_T_correction.matrix, same.base_T_correction.matrix)

@@ -8,7 +8,7 @@ from pretouch_simulation.objects import box
 from pretouch_simulation.protocol import CAMERA, looking_at
 from pretouch_simulation.world import NOTHING, TABLE, Body, World
 
-from pretouch.camera import Camera
+from pretouch.camera import Camera, kinect_depth_std
 from pretouch.geometry import Plane, Pose
 
 FLOOR = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
@@ -23,7 +23,7 @@ def test_the_noise_on_a_wall_is_the_published_one(depth: float) -> None:
     )
     assert (image.depth.metres > 0).all()
     assert image.depth.metres.mean() == pytest.approx(depth, abs=2e-4)
-    assert image.depth.metres.std() == pytest.approx(float(kinect.sigma_z(np.array(depth))), rel=0.06)
+    assert image.depth.metres.std() == pytest.approx(float(kinect_depth_std(depth)), rel=0.06)
 
 
 def test_depth_comes_in_steps_of_an_eighth_of_a_pixel() -> None:

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from pretouch_simulation import protocol
 from pretouch_simulation.mesh import Mesh
 from pretouch_simulation.objects import MAKERS, bottle, box, drill
-from pretouch_simulation.protocol import Case, generator, hidden_offset, make_case
-from pretouch_simulation.stable_pose import standing
+from pretouch_simulation.protocol import Case, draw_hidden_offset, generator, make_case
+from pretouch_simulation.stable_pose import stand
 
 from pretouch.errors import InvalidInput
 from pretouch.estimate import Estimate, Prior
@@ -52,7 +52,7 @@ def test_the_truth_moves_what_the_camera_shows_onto_the_true_object(case: Case) 
 @given(st.integers(0, 2**32))
 def test_the_offset_is_a_turn_about_the_centroid_as_the_camera_puts_it_and_a_shift(seed: int) -> None:
     true_cloud = np.random.default_rng(0).normal(0.3, 0.05, (200, 3))
-    truth = hidden_offset(true_cloud, np.random.default_rng(seed))
+    truth = draw_hidden_offset(true_cloud, np.random.default_rng(seed))
     given_cloud = truth.inverse().apply(true_cloud)
     centroid = given_cloud.mean(axis=0)
     shift = truth.apply(centroid) - centroid
@@ -63,7 +63,7 @@ def test_the_offset_is_a_turn_about_the_centroid_as_the_camera_puts_it_and_a_shi
 def test_offsets_fill_their_box() -> None:
     rng = np.random.default_rng(0)
     point = np.array([[0.5, 0.1, 0.2]])
-    offsets = [hidden_offset(point, rng) for _ in range(400)]
+    offsets = [draw_hidden_offset(point, rng) for _ in range(400)]
     shifts = np.array([(point - offset.inverse().apply(point))[0] for offset in offsets])
     turns = np.array([vector_from_rotation(offset.rotation) for offset in offsets])
     assert shifts.std(axis=0) == pytest.approx(np.full(3, 0.02 / np.sqrt(3)), rel=0.1)
@@ -94,16 +94,16 @@ def test_coverage_asks_whether_the_truth_is_in_the_stated_region(case: Case) -> 
 @pytest.mark.parametrize("name", MAKERS)
 def test_an_object_that_stands_is_left_standing(name: str) -> None:
     mesh = MAKERS[name]()
-    np.testing.assert_allclose(standing(mesh).vertices, mesh.resting().vertices, atol=1e-12)
+    np.testing.assert_allclose(stand(mesh).vertices, mesh.resting().vertices, atol=1e-12)
 
 
 def test_an_object_that_would_fall_is_put_on_its_largest_face() -> None:
     tipped = box(0.02, 0.1, 0.2).moved(Pose.from_rotation_vector([0.6, 0.4, 0.0], [0, 0, 0]))
-    assert standing(tipped).extents[2] == pytest.approx(0.02, abs=1e-6)
+    assert stand(tipped).extents[2] == pytest.approx(0.02, abs=1e-6)
     tilted = bottle().moved(Pose.from_rotation_vector([0.7, 0.0, 0.0], [0, 0, 0]))
-    np.testing.assert_allclose(standing(tilted).extents, bottle().extents, atol=1e-4)
+    np.testing.assert_allclose(stand(tilted).extents, bottle().extents, atol=1e-4)
 
 
 def test_a_flat_mesh_is_refused() -> None:
     with pytest.raises(InvalidInput, match="no volume"):
-        standing(Mesh(np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]), np.array([[0, 1, 2]])))
+        stand(Mesh(np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]), np.array([[0, 1, 2]])))

@@ -1,4 +1,4 @@
-"""Proposer `stability` foretells what a scan is worth: surfaces, edges, the table, and what the sensor cannot reach."""
+"""Proposer `stability` predicts what a scan is worth: surfaces, edges, the table, and what the sensor cannot reach."""
 
 import numpy as np
 import pytest
@@ -100,11 +100,11 @@ def test_neither_the_base_frame_nor_the_image_s_size_matters() -> None:
     assert spearmanr(left(small, *(boxes * [0.5, 0.5, 0.5, 0.5, 1] - [0.25, 0.25, 0, 0, 0])), expected)[0] > 0.9
 
 
-def test_it_ranks_much_as_the_registrar_foresees() -> None:
+def test_it_ranks_much_as_the_registrar_predicts() -> None:
     scene = World((Box.standing((0.10, 0.06, 0.05), yaw=0.4),)).scene(View(looking((0, 0, 0.02))))
     boxes = [r.rectangle for r in propose(scene, Proposer.RANDOM, Sensor(), 40, 3).regions]
     paths = plan_paths(scene, boxes, from_prior(Prior(), scene.cloud), ScanSettings())
     there = [k for k, path in enumerate(paths) if path is not None]
-    foreseen = REGISTRAR.predict(scene, [], Settings(), [path for path in paths if path is not None])
+    predicted = REGISTRAR.predict(scene, [], Settings(), [path for path in paths if path is not None])
     own = left(scene, *(RotatedRectangle.as_list(boxes[k]) for k in there))
-    assert spearmanr(own, foreseen)[0] > 0.5
+    assert spearmanr(own, predicted)[0] > 0.5

@@ -11,7 +11,7 @@ from pretouch.geometry import Array
 _RIGHT, _DOWN = (-0.5, 0.5, 0.5, -0.5), (-0.5, -0.5, 0.5, 0.5)
 """The corners, in order along the outline, in units of the sides."""
 _FLAT = 1e-12
-"""A length below which an edge's extent counts as this one; it bounds a wrong share by as much."""
+"""An edge's extent is taken to be at least this, which avoids a division by zero and bounds the error that it makes."""
 
 
 def common_areas(rectangle: ArrayLike, others: ArrayLike) -> Array:
@@ -30,7 +30,7 @@ def _common_areas(rectangle: Array, others: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def share(first: Array, second: Array) -> float:
+def intersection_over_union(first: Array, second: Array) -> float:
     """Intersection over union of two rectangles (5,), in [0, 1]."""
     reach = 0.5 * (np.hypot(first[2], first[3]) + np.hypot(second[2], second[3]))
     if (first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 >= reach * reach:

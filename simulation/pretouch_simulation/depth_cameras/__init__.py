@@ -1,6 +1,6 @@
-"""Simulated depth cameras: what a client gets of a world, with the errors of one kind of camera or another.
+"""Simulated depth cameras: depth images of a world with the errors of several kinds of camera.
 
-No number of this package is read by the services: what they are tested with must not be what they were told.
+The services read no parameter of this package, so that they are not tested with what they were tuned to.
 """
 
 from pretouch_simulation.depth_cameras.models import CameraModel, realise

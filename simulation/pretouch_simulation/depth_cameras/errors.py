@@ -1,4 +1,4 @@
-"""What is wrong with a disparity that was matched: noise on several scales, distortion, gain, locking, steps."""
+"""Errors of a matched disparity: noise on several scales, distortion, gain, pixel locking, quantisation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_simulation.depth_cameras.fields import blocks, smooth_field
+from pretouch_simulation.depth_cameras.fields import block_field, smooth_field
 
 
 @dataclass(frozen=True)
@@ -16,13 +16,13 @@ class DisparityErrors:
     """All in px of the camera's own image.
 
     Attributes:
-        noise: pairs of scale and standard deviation, px and px of disparity.
-        distortion: the same, of the smooth distortion that the camera has.
+        noise: pairs of scale, px, and standard deviation, px of disparity.
+        distortion: the same, of the camera's smooth distortion.
         gain: standard deviation of the relative error of the depth, drawn once an image.
-        offset: px of disparity, standard deviation of what all pixels are off by, drawn once an image.
-        body: px of disparity, standard deviation of what all pixels of one body, or of the table, are off by.
-        locking: px, amplitude by which disparities are drawn to whole ones.
-        steps: of the disparity, per px.
+        offset: px of disparity, standard deviation of an offset of all pixels, drawn once an image.
+        body: px of disparity, standard deviation of an offset of all pixels of one body, or of the table.
+        locking: px, amplitude of the pixel locking, which pulls disparities towards whole pixels.
+        steps: quantisation steps of the disparity per px.
     """
 
     noise: tuple[tuple[float, float], ...]
@@ -33,10 +33,10 @@ class DisparityErrors:
     locking: float
     steps: float
 
-    def applied(
+    def apply(
         self, disparity: Array, bodies: NDArray[np.int64], scale: float, zoom: float, rng: np.random.Generator
     ) -> Array:
-        """The disparity (h, w), px, 0 = none, as it is measured.
+        """The measured disparity of a true one (h, w), px, 0 = none.
 
         Args:
             bodies: (h, w), whose surface each pixel is.
@@ -47,7 +47,7 @@ class DisparityErrors:
         there = disparity > 0
         error = np.full(shape, self.offset * rng.standard_normal())
         for size, spread in (*self.noise, *self.distortion):
-            field = smooth_field(rng, shape, zoom * size) if size >= 1 else blocks(rng, shape, zoom)
+            field = smooth_field(rng, shape, zoom * size) if size >= 1 else block_field(rng, shape, zoom)
             error += spread * field
         present = np.unique(bodies)
         error += self.body * rng.standard_normal(len(present))[np.searchsorted(present, bodies)]

@@ -7,7 +7,7 @@ import numpy as np
 from pretouch.geometry import Array
 
 _REACH = 3.0
-"""Standard deviations of the kernel at which a field begins outside the image."""
+"""How far outside the image the grid begins, in standard deviations of the kernel."""
 
 
 def smooth_field(rng: np.random.Generator, shape: tuple[int, int], scale: float) -> Array:
@@ -32,7 +32,7 @@ def _kernels(length: int, scale: float) -> Array:
     return np.asarray(weights / np.linalg.norm(weights, axis=1, keepdims=True), dtype=np.float64)
 
 
-def blocks(rng: np.random.Generator, shape: tuple[int, int], side: float) -> Array:
+def block_field(rng: np.random.Generator, shape: tuple[int, int], side: float) -> Array:
     """(h, w): white noise of variance 1, the same within squares of `side` px, at least one."""
     step = max(side, 1.0)
     v, u = ((np.arange(length) / step).astype(np.int64) for length in shape)

@@ -1,4 +1,4 @@
-"""The mask that a client has of an object: from elsewhere than the depth, so that it does not fit it."""
+"""The client's mask of an object: it comes from another source than the depth, so that it is misaligned."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import ndimage
 from pretouch_simulation.depth_cameras.fields import smooth_field
 
 _MARGIN = 8
-"""px around what can stray; the rest of the image is not looked at."""
+"""px around the reach of the outline; the rest of the image is not processed."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,10 @@ class Outline:
     scale: float
 
 
-def stray(mask: NDArray[np.bool_], outline: Outline, zoom: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """The mask (h, w) with an outline that is not quite the true one; `zoom`: image px to one of the camera's own."""
+def distort_outline(
+    mask: NDArray[np.bool_], outline: Outline, zoom: float, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """The mask (h, w) with its outline moved from the true one; `zoom`: image px to one of the camera's own."""
     growth = zoom * outline.growth * rng.standard_normal()
     shift = zoom * outline.shift * rng.standard_normal(2)
     wander = zoom * outline.wander * smooth_field(rng, mask.shape, zoom * outline.scale)

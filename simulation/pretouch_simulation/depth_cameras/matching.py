@@ -24,12 +24,12 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Array, Pose
 from pretouch_simulation.depth_cameras.errors import DisparityErrors
 from pretouch_simulation.depth_cameras.fields import smooth_field
-from pretouch_simulation.depth_cameras.masks import Outline, stray
+from pretouch_simulation.depth_cameras.masks import Outline, distort_outline
 from pretouch_simulation.depth_cameras.rendering import SHAPE, Rendering, Sight, look
 from pretouch_simulation.world import World
 
 _LEAST_SEEN = 0.4
-"""Share of a window that must show something."""
+"""The least share of a window that must have depth."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Window:
 
     Attributes:
         size: its side.
-        edge: px of disparity between what is taken for two surfaces.
+        edge: px of disparity beyond which a step separates two surfaces.
         fattening: px by which the nearer surface reaches beyond its edge; negative: the other eats into it.
         raggedness: px, standard deviation of the same along an edge, from one blob of texture to the next.
         gap: px, median of the band along an edge, on the nearer side, without depth where the step is `full_step` or
@@ -85,8 +85,8 @@ class WindowCamera:
         baseline: m to the right of the camera, of the projector or the second imager.
         focal: px, of the image in which disparity is measured: the camera's own.
         range: m; there is no depth outside.
-        registration: px of the camera's own image, standard deviation along each axis of what the whole depth image
-            is moved by; drawn once an image.
+        registration: px of the camera's own image, standard deviation along each axis of the shift of the
+            whole depth image; drawn once an image.
     """
 
     baseline: float
@@ -109,18 +109,18 @@ class WindowCamera:
         """The image of `world` from `base_T_camera`, `shape` = (h, w)."""
         zoom = camera.fx / self.focal
         sight = look(world, camera, base_T_camera, shape, self.baseline)
-        matched = self._matched(sight, zoom, rng)
-        matched = np.where(self._dropped(sight, zoom, rng), 0.0, matched)
+        matched = self._match(sight, zoom, rng)
+        matched = np.where(self._draw_dropouts(sight, zoom, rng), 0.0, matched)
         scale = self.baseline * self.focal
-        disparity = self.errors.applied(matched, sight.bodies, scale, zoom, rng)
+        disparity = self.errors.apply(matched, sight.bodies, scale, zoom, rng)
         metres = scale / np.maximum(disparity, 1e-6)
         good = (disparity > 0) & (metres >= self.range[0]) & (metres <= self.range[1])
         shift = zoom * self.registration * rng.standard_normal(2)
-        depth = DepthImage(_registered(np.where(good, metres, 0.0), zoom, shift).astype(np.float32))
-        mask = stray(sight.bodies == 0, self.outline, zoom, rng) & (depth.metres > 0)
+        depth = DepthImage(_misregister(np.where(good, metres, 0.0), zoom, shift).astype(np.float32))
+        mask = distort_outline(sight.bodies == 0, self.outline, zoom, rng) & (depth.metres > 0)
         return Rendering(depth, sight.bodies, mask)
 
-    def _matched(self, sight: Sight, zoom: float, rng: np.random.Generator) -> Array:
+    def _match(self, sight: Sight, zoom: float, rng: np.random.Generator) -> Array:
         """(h, w), px: the disparity of the surface that each window is matched to, 0 = none."""
         window = self.window
         size = max(3, int(np.rint(window.size * zoom)))
@@ -143,7 +143,7 @@ class WindowCamera:
         lost = (two & (beyond > 0) & (beyond < gap)) | (seen < _LEAST_SEEN)
         return np.where(lost, 0.0, value)
 
-    def _dropped(self, sight: Sight, zoom: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    def _draw_dropouts(self, sight: Sight, zoom: float, rng: np.random.Generator) -> NDArray[np.bool_]:
         drop, shape = self.dropouts, sight.depth.shape
         steep = sight.incidence > drop.steepest + _STEEP_SPREAD * smooth_field(rng, shape, zoom * self.window.size)
         dark = smooth_field(rng, shape, zoom * drop.patch) > _threshold(drop.dark)
@@ -151,7 +151,7 @@ class WindowCamera:
         return np.asarray(steep | dark | speck, dtype=np.bool_)
 
 
-def _registered(metres: Array, zoom: float, shift: Array) -> Array:
+def _misregister(metres: Array, zoom: float, shift: Array) -> Array:
     """The image moved by `shift` (2,), px down and right, with holes as wide as the camera's own pixels, `zoom` px."""
     step = max(zoom, 1.0)
     own = [np.rint(np.arange(n) - by) for n, by in zip(metres.shape, shift, strict=True)]
@@ -170,5 +170,5 @@ def _mean(values: Array, size: int) -> Array:
 
 
 def _threshold(share: float) -> float:
-    """The value that a standard normal one exceeds with probability `share`."""
+    """The value that a standard normal variable exceeds with probability `share`."""
     return float(-ndtri(share)) if share > 0 else np.inf

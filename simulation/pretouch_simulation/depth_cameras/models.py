@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from pretouch_simulation.depth_cameras.drawing import drawn
+from pretouch_simulation.depth_cameras.drawing import draw_camera
 from pretouch_simulation.depth_cameras.errors import DisparityErrors
 from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.depth_cameras.masks import Outline
@@ -15,7 +15,7 @@ from pretouch_simulation.depth_cameras.rendering import DepthCamera
 
 
 class CameraModel(StrEnum):
-    """Which depth camera looks."""
+    """Which depth camera is simulated."""
 
     KINECT = "kinect"
     WINDOW = "window"
@@ -24,7 +24,7 @@ class CameraModel(StrEnum):
 
 
 _OUTLINE = Outline(growth=0.8, shift=0.8, wander=1.2, scale=15.0)
-"""An assumption: no frame says how far a client's segmentation strays."""
+"""An assumption: no data tells how far a client's segmentation is off."""
 
 _XTION = WindowCamera(
     baseline=0.075,
@@ -76,4 +76,4 @@ def realise(model: CameraModel, rng: np.random.Generator) -> DepthCamera:
         return _XTION
     if model is CameraModel.STEREO:
         return _REALSENSE
-    return drawn(rng)
+    return draw_camera(rng)

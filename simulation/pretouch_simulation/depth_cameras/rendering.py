@@ -1,4 +1,4 @@
-"""What every simulated depth camera gives, and what it computes of the world first."""
+"""The interface of the simulated depth cameras, and the ray casting that they share."""
 
 from __future__ import annotations
 

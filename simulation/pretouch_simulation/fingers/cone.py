@@ -1,6 +1,6 @@
-"""`cone`: the fingertip that its user states as 25 deg wide, and that reads mostly the nearest part of its spot.
+"""`cone`: a fingertip described as 25 deg wide, which mostly reads the nearest part of its spot.
 
-What the user states is the same for every such finger; the finger itself varies about it, as modules of one kind do.
+Every such finger is described alike; its true parameters vary, as those of modules of one type do.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from pretouch_simulation.fingers.range_curve import RangeCurve
 from pretouch_simulation.fingers.spot import Spot
 
 SENSOR = Sensor(range_min=0.01, range_std=0.002, beam_half_angle=float(np.radians(12.5)))
-"""What the user states."""
+"""As the client describes it."""
 _SPAN = (SENSOR.range_min, SENSOR.range_max)
 WIDTH = (0.8, 1.25)
-"""The true half angle over the stated one."""
+"""The true half angle over the described one."""
 NEARNESS = (0.007, 0.014)
 """m."""
 MEAN_SHARE = 0.5
-"""Share of fingers that read the mean; the others seek the first or the strongest peak."""
+"""Share of fingers that report the mean; the others report the first or the strongest peak."""
 BIAS = 0.0007
 """m."""
 GAIN = 0.005
@@ -47,5 +47,5 @@ def draw_cone(rng: np.random.Generator) -> ConeFinger:
         flagged=0.01,
         outliers=0.003,
     )
-    reflectances = Reflectances.drawn(DARKEST, rng)
+    reflectances = Reflectances.draw(DARKEST, rng)
     return ConeFinger(SENSOR, ConeResponse(Spot(half_angle), nearness, estimator), errors, reflectances)

@@ -1,4 +1,4 @@
-"""A fingertip whose module sees a cone, with all that lies between the noiseless reading and what is reported."""
+"""A fingertip whose module sees a cone, with the errors between the noiseless reading and the reported one."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from pretouch_simulation.world import World
 
 _NOISE_SCALE = (0.7, 1.4)
 _EARLY = 0.3
-"""Share of the flagged measurements that say early convergence, the others a poor signal."""
+"""Share of the flagged measurements with the status of early convergence; the others report a poor signal."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Of a module's readings.
+    """Errors of a module's readings.
 
     Attributes:
         noise: m, standard deviation of one range on the calibration's wall; elsewhere it goes with the signal^-1/2, as
             shot noise, within 0.7 to 1.4 times.
-        bias: m, standard deviation of what all ranges of a scan share.
-        curve: of the range.
-        step: m, what ranges are rounded to; 0: not.
+        bias: m, standard deviation of the bias of a scan, the same for all its ranges.
+        curve: the error as a function of the range.
+        step: m, to which ranges are rounded; 0 for none.
         least_range: m; anything nearer underflows.
         least_signal: below it, of the calibration's wall, there is no return.
-        flagged, outliers: share of measurements that fail with a status, and that are anywhere with none.
+        flagged, outliers: share of measurements that fail with an error status, and that are outliers with a good one.
     """
 
     noise: float
@@ -62,7 +62,7 @@ class ConeFinger:
         answered = np.isfinite(true) & (signal >= errors.least_signal)
         met = np.where(answered, true, sensor.range_max)
         spread = errors.noise * np.clip(np.maximum(signal, 1e-9) ** -0.5, *_NOISE_SCALE)
-        ranges = self._stepped(met + errors.curve(met) + bias + spread * normal)
+        ranges = self._rounded(met + errors.curve(met) + bias + spread * normal)
 
         status = np.full(n, Status.OK, dtype=np.int64)
         status[ranges > sensor.range_max] = Status.NO_TARGET
@@ -71,11 +71,11 @@ class ConeFinger:
         status[flagged] = np.where(which < _EARLY, Status.EARLY_CONVERGENCE, Status.SNR)[flagged]
         status[~answered] = Status.NO_TARGET
         outlier = chance > 1 - errors.outliers
-        ranges[outlier] = self._stepped(sensor.range_min + anywhere * (sensor.range_max - sensor.range_min))[outlier]
+        ranges[outlier] = self._rounded(sensor.range_min + anywhere * (sensor.range_max - sensor.range_min))[outlier]
         status[outlier] = Status.OK
         return np.where(status == Status.OK, ranges, np.nan), status
 
-    def _stepped(self, ranges: Array) -> Array:
+    def _rounded(self, ranges: Array) -> Array:
         if not self.errors.step:
             return ranges
         return np.asarray(np.round(ranges / self.errors.step) / round(1 / self.errors.step), dtype=np.float64)

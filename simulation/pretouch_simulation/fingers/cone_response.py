@@ -1,4 +1,4 @@
-"""What a module makes of all that lies in its field of view: one range, without noise.
+"""The one range, without noise, that a module reads from everything in its field of view.
 
 A surface patch answers with response * reflectance * cos(incidence) / r^2, a Lambertian target. Near patches count for
 more, by exp(-(r - nearest) / L): modules trigger on the leading edge of the returned pulse. Of what is left the module
@@ -39,18 +39,18 @@ class Estimator(StrEnum):
 
 @dataclass(frozen=True)
 class Reflectances:
-    """How bright things are; 1 is the wall that the module was calibrated on.
+    """Reflectances, relative to the wall that the module was calibrated on.
 
     Attributes:
         table: of the table.
-        bodies: of body 0, 1, ...; with more bodies than numbers, over again.
+        bodies: of body 0, 1, ...; repeated if there are more bodies.
     """
 
     table: float = 1.0
     bodies: tuple[float, ...] = (1.0,)
 
     @staticmethod
-    def drawn(darkest: float, rng: np.random.Generator) -> Reflectances:
+    def draw(darkest: float, rng: np.random.Generator) -> Reflectances:
         """Log-uniform from `darkest` to 1, for the table and for eight bodies."""
         table, *bodies = np.exp(rng.uniform(np.log(darkest), 0.0, 9)).tolist()
         return Reflectances(table, tuple(bodies))
@@ -63,11 +63,11 @@ class Reflectances:
 
 @dataclass(frozen=True)
 class ConeResponse:
-    """The noiseless module.
+    """A module without noise.
 
     Attributes:
-        nearness: m, L above; inf: all parts count alike.
-        pulse: m, standard deviation of the pulse by which a peak is sought; two things nearer to each other are one.
+        nearness: m, L above; inf: near and far parts count alike.
+        pulse: m, standard deviation of the pulse that smooths the histogram; peaks closer than this merge.
     """
 
     spot: Spot
@@ -91,7 +91,7 @@ class ConeResponse:
         """What is seen from module poses (n, 4, 4).
 
         Returns:
-            Ranges (n,), m, inf where nothing answers; signal (n,), 1 for the wall of the calibration.
+            Ranges (n,), m, inf without a return; signal (n,), 1 for the wall of the calibration.
         """
         rays, response = self._bundle
         n, k = len(base_T_module), len(rays)
@@ -119,7 +119,7 @@ class ConeResponse:
         return np.where(seen, _mean(finite, weight), np.inf)
 
     def _peak(self, path: Array, weight: Array) -> Array:
-        """(n,), m: the first or the highest peak of each row's histogram, seen through the pulse; to a bin."""
+        """(n,), m: the first or the highest peak of each row's histogram smoothed by the pulse, to the nearest bin."""
         n = len(path)
         bins = np.minimum((path / _BIN).astype(np.int64), _BINS - 1)
         histogram = np.zeros((n, _BINS))

@@ -1,4 +1,4 @@
-"""Broken fingertips: each states the sensor that it should be, and reports something else."""
+"""Broken fingertips: each is described as a sound sensor and reports something else."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 from pretouch.tof import STATUS_OK, Sensor
 from pretouch_simulation.finger import Finger
-from pretouch_simulation.fingers.several import Several, abreast
+from pretouch_simulation.fingers.several import Several, side_by_side
 from pretouch_simulation.fingers.status import Status
 from pretouch_simulation.world import World
 
@@ -21,7 +21,7 @@ Break = Callable[[Array, np.random.Generator], Array]
 
 @dataclass(frozen=True)
 class Broken:
-    """A `Finger` that reports what `fault` makes of what `finger` measured, whatever its status then."""
+    """A `Finger` that reports the measurements of `finger` as changed by `fault`, whatever their status was."""
 
     finger: Finger
     fault: Break
@@ -54,10 +54,10 @@ def noise(finger: Finger) -> Finger:
 
 
 def in_millimetres(finger: Finger) -> Finger:
-    """Reports millimetres where metres are due."""
+    """Reports millimetres instead of metres."""
     return Broken(finger, lambda ranges, _: 1000 * ranges)
 
 
 def one_stuck(finger: Finger, at: float = 0.03, modules: int = 6, spacing: float = 0.008) -> Several:
     """A row of modules `spacing` m apart, all as `finger` but for the last, which always reports `at`, m."""
-    return abreast([*[finger] * (modules - 1), stuck(finger, at)], spacing)
+    return side_by_side([*[finger] * (modules - 1), stuck(finger, at)], spacing)

@@ -1,7 +1,7 @@
-"""`random`: a fingertip that nobody has met before, drawn anew from the ranges stated here.
+"""`random`: a fingertip with parameters drawn from the ranges below.
 
-Its user knows what kind it is (beam or cone), the data sheet's half angle and noise, both somewhat wrong, and the least
-range, which anybody finds out who holds a hand before it.
+Its description has the right kind (beam or cone), the data sheet's half angle and noise, both somewhat wrong, and the
+least range, which is easily measured.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch.tof import Sensor
+from pretouch_simulation.draws import draw_log_uniform
 from pretouch_simulation.fingers.cone_finger import ConeFinger, Errors
 from pretouch_simulation.fingers.cone_response import ConeResponse, Estimator, Reflectances
 from pretouch_simulation.fingers.range_curve import RangeCurve
@@ -18,11 +19,11 @@ THIN_SHARE = 0.25
 """Share of fingers with a thin beam."""
 STATED_HALF_ANGLE = (np.radians(5.0), np.radians(15.0))
 WIDTH = (0.8, 1.25)
-"""The true half angle over the stated one."""
+"""The true half angle over the described one."""
 MEAN_SHARE = 0.5
-"""Share of cones that read the mean; the others seek the first or the strongest peak."""
+"""Share of cones that report the mean; the others report the first or the strongest peak."""
 EVEN_SHARE = 0.25
-"""Share of cones whose near parts count no more than others."""
+"""Share of cones that weigh near and far parts alike."""
 NEARNESS = (0.003, 0.03)
 """m, of the others."""
 PULSE = (0.003, 0.01)
@@ -31,7 +32,7 @@ BORESIGHT = float(np.radians(3.0))
 NOISE = (0.0005, 0.003)
 """m."""
 MISSTATED = 1.5
-"""By this factor at most the stated standard deviation is off, either way."""
+"""The largest factor by which the described standard deviation is off, either way."""
 BIAS = 0.001
 """m, the greatest standard deviation between scans."""
 GAIN = 0.01
@@ -50,20 +51,20 @@ OUTLIERS = 0.02
 
 
 def draw_random(rng: np.random.Generator) -> ConeFinger:
-    """A finger; whatever `cone_finger` and `cone_response` know is drawn."""
-    response, stated_half_angle = _response(rng)
-    errors = _errors(rng)
+    """A finger; all parameters of `cone_finger` and `cone_response` are drawn."""
+    response, stated_half_angle = _draw_response(rng)
+    errors = _draw_errors(rng)
     sensor = Sensor(
         range_max=RANGE_MAX,
         range_min=float(np.ceil(errors.least_range * 1000) / 1000),
         range_std=errors.noise * float(MISSTATED ** rng.uniform(-1, 1)),
         beam_half_angle=stated_half_angle,
     )
-    return ConeFinger(sensor, response, errors, Reflectances.drawn(DARKEST, rng))
+    return ConeFinger(sensor, response, errors, Reflectances.draw(DARKEST, rng))
 
 
-def _response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
-    """The response, and the half angle that its user states, rad."""
+def _draw_response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
+    """The response, and the half angle of its description, rad."""
     off, about = BORESIGHT * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
     boresight = (float(off * np.cos(about)), float(off * np.sin(about)))
     if rng.uniform() < THIN_SHARE:
@@ -71,27 +72,23 @@ def _response(rng: np.random.Generator) -> tuple[ConeResponse, float]:
     stated = float(rng.uniform(*STATED_HALF_ANGLE))
     profile = Profile.GAUSSIAN if rng.uniform() < 0.5 else Profile.FLAT
     spot = Spot(stated * float(rng.uniform(*WIDTH)), profile, boresight)
-    nearness = np.inf if rng.uniform() < EVEN_SHARE else _log_uniform(rng, *NEARNESS)
+    nearness = np.inf if rng.uniform() < EVEN_SHARE else draw_log_uniform(rng, *NEARNESS)
     peak = Estimator.FIRST_PEAK if rng.uniform() < 0.5 else Estimator.STRONGEST_PEAK
     estimator = Estimator.MEAN if rng.uniform() < MEAN_SHARE else peak
-    return ConeResponse(spot, nearness, estimator, _log_uniform(rng, *PULSE)), stated
+    return ConeResponse(spot, nearness, estimator, draw_log_uniform(rng, *PULSE)), stated
 
 
-def _errors(rng: np.random.Generator) -> Errors:
+def _draw_errors(rng: np.random.Generator) -> Errors:
     least_range = float(rng.uniform(*LEAST_RANGE))
     left = LINE_LEFT if rng.uniform() < 0.5 else CUBIC_LEFT
     bend = tuple((left * rng.standard_normal(len(left))).tolist())
     return Errors(
-        noise=_log_uniform(rng, *NOISE),
+        noise=draw_log_uniform(rng, *NOISE),
         bias=float(rng.uniform(0, BIAS)),
         curve=RangeCurve((least_range, RANGE_MAX), float(GAIN * rng.standard_normal()), bend),
         step=0.001 if rng.uniform() < 0.5 else 0.0,
         least_range=least_range,
-        least_signal=_log_uniform(rng, *LEAST_SIGNAL),
+        least_signal=draw_log_uniform(rng, *LEAST_SIGNAL),
         flagged=float(rng.uniform(0, FLAGGED)),
         outliers=float(rng.uniform(0, OUTLIERS)),
     )
-
-
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))

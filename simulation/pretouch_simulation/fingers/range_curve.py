@@ -1,4 +1,4 @@
-"""What a calibration leaves: an error of the range that is a smooth function of the range."""
+"""The residual error after calibration: a smooth function of the range."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class RangeCurve:
     """An error over the range, 0 where the module was calibrated on a wall.
 
     Attributes:
-        span: m, from and to where the module was calibrated; beyond it the bend is that of the span's end.
+        span: m, the calibrated interval of ranges; beyond it the bend stays that of the nearer end.
         gain: the error of the slope.
-        bend: m, for each Legendre polynomial over the span from the degree 2 on, the rms of its share.
+        bend: m, the rms of each Legendre component over the span, from degree 2 on.
     """
 
     span: tuple[float, float]

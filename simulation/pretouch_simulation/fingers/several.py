@@ -1,4 +1,4 @@
-"""A fingertip of several modules, each of them a fingertip's own."""
+"""A fingertip of several modules, each simulated as a fingertip of its own."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from pretouch_simulation.world import World
 
 @dataclass(frozen=True)
 class Several:
-    """A `Finger` whose module k measures as `fingers[k]`, in turn; what a scan's ranges share is each module's own.
+    """A `Finger` whose module k measures as `fingers[k]`, in turn; each module has its own bias in a scan.
 
     Attributes:
-        sensor: what is stated, with the modules' places.
+        sensor: as the client describes it, with the modules' poses.
         fingers: one for each module.
     """
 
@@ -36,8 +36,8 @@ class Several:
         return ranges, status
 
 
-def abreast(fingers: Sequence[Finger], spacing: float) -> Several:
-    """Modules in a row along the tip's x, `spacing` m apart, beams parallel, all stated as the first one."""
+def side_by_side(fingers: Sequence[Finger], spacing: float) -> Several:
+    """Modules in a row along the tip's x, `spacing` m apart, beams parallel, all described as the first one."""
     m = len(fingers)
     places = [Pose.of(np.eye(3), [spacing * (k - (m - 1) / 2), 0.0, 0.0]) for k in range(m)]
     return Several(replace(fingers[0].sensor, tip_T_module=tuple(places)), tuple(fingers))

@@ -41,7 +41,7 @@ OUTLIERS = 0.003
 _RINGS = 4
 
 SENSOR = Sensor(range_std=NOISE_AT_MAX, beam_half_angle=HALF_ANGLE)
-"""How a client describes the module; its noise is the worst of the model's."""
+"""The client's description of the module; its noise is the model's largest."""
 
 
 def _bundle() -> tuple[Array, Array]:
@@ -67,7 +67,7 @@ def mean_range(world: World, poses: Array) -> tuple[Array, Array]:
     """What a noiseless module sees from poses (n, 4, 4).
 
     Returns:
-        Ranges (n,), m, inf where nothing answers; signal (n,), 1 for a perpendicular wall at 1 m.
+        Ranges (n,), m, inf without a return; signal (n,), 1 for a perpendicular wall at 1 m.
     """
     n, k = len(poses), len(RAYS)
     directions = np.einsum("nij,kj->nki", poses[:, :3, :3], RAYS).reshape(-1, 3)

@@ -1,1 +1,1 @@
-"""Labels from what really happens: the finger scans the displaced mesh, and an engine answers."""
+"""Labels from simulated scans: the finger scans the displaced mesh, and an engine registers the scan."""

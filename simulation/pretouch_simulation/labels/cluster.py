@@ -15,11 +15,11 @@ from pretouch_simulation.workers import ONE_THREAD
 Answer = TypeVar("Answer")
 
 
-def on_ray(function: Callable[..., Answer], calls: Sequence[tuple[Any, ...]], workers: int) -> Iterator[Answer]:
-    """`function(*call)` for each of `calls`, the answers as they come; one core and one thread for each call.
+def run_on_ray(function: Callable[..., Answer], calls: Sequence[tuple[Any, ...]], workers: int) -> Iterator[Answer]:
+    """Calls `function(*call)` for each of `calls`, with one core and one thread each; yields the answers as they come.
 
-    The cluster is the one that RAY_ADDRESS names, else one of `workers` processes on this machine for the time being.
-    A call whose node fails is made again elsewhere.
+    The cluster is the one that RAY_ADDRESS names, else a temporary one of `workers` processes on this machine.
+    A call whose node fails is repeated on another one.
 
     Raises:
         Unavailable: Ray is not installed, or the cluster does not answer.
@@ -39,7 +39,7 @@ def on_ray(function: Callable[..., Answer], calls: Sequence[tuple[Any, ...]], wo
             logging_level="error",
             runtime_env={"env_vars": ONE_THREAD},
         )
-    except Exception as error:  # Ray raises the base class where a node does not start in time
+    except Exception as error:  # Ray raises the base class if a node does not start in time
         raise Unavailable(
             f"Ray cannot be used: {str(error).strip()}", "Check RAY_ADDRESS, or leave out --engine-cluster."
         ) from error

@@ -1,4 +1,4 @@
-"""Labels without humans: make a dataset of scored rectangles, and show what is in one."""
+"""`pretouch labels`: generates a dataset of scored rectangles, and shows one."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.frame_task import frame_tasks
 from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe
-from pretouch_simulation.labels.making import Cluster, make, missing
+from pretouch_simulation.labels.making import Cluster, make, unlabelled
 from pretouch_simulation.labels.pictures import save_contact_sheet, save_statistics
 from pretouch_simulation.labels.statistics import statistics, table
 from pretouch_simulation.labels.task import ViewTask, tasks_of
 from pretouch_simulation.mesh_folder import meshes_in
-from pretouch_simulation.split import mixed
+from pretouch_simulation.split import mixing_key
 
 _INTERRUPTED = 130
 _FILE_WIDTH = 140
@@ -84,9 +84,9 @@ def generate(
     dataset = Dataset.create(out, describe(recipe, shlex.join(["pretouch", *sys.argv[1:]])))
     console = Console(stderr=True)
     try:
-        failed = _with_progress(tasks, recipe, dataset, workers or os.cpu_count() or 1, engine_cluster, console)
+        failed = _make_with_progress(tasks, recipe, dataset, workers or os.cpu_count() or 1, engine_cluster, console)
     except KeyboardInterrupt:
-        kept = len(tasks) - len(missing(tasks, dataset))
+        kept = len(tasks) - len(unlabelled(tasks, dataset))
         console.print(
             f"Interrupted. {kept} of {len(tasks)} views are kept in {out}; the same command goes on.",
             markup=False,
@@ -134,12 +134,12 @@ def _tasks(
     camera: CameraModel,
 ) -> list[ViewTask]:
     """Meshes in an order that mixes their sources, then what is made in code, then frames."""
-    files = sorted(meshes_in(meshes), key=lambda path: mixed(path.stem)) if meshes else []
+    files = sorted(meshes_in(meshes), key=lambda path: mixing_key(path.stem)) if meshes else []
     seen: list[ViewTask] = [*frame_tasks(frames)] if frames else []
     return [*tasks_of(files, made_in_code, poses, views, camera), *seen] if files or made_in_code or not seen else seen
 
 
-def _with_progress(
+def _make_with_progress(
     tasks: Sequence[ViewTask],
     recipe: Recipe,
     dataset: Dataset,
@@ -150,7 +150,7 @@ def _with_progress(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
-        there = len(tasks) - len(missing(tasks, dataset))
+        there = len(tasks) - len(unlabelled(tasks, dataset))
         bar = progress.add_task("views", total=len(tasks), completed=there)
         return make(tasks, recipe, dataset, workers, cluster, lambda outcome: progress.advance(bar))
 

@@ -1,4 +1,4 @@
-"""One view to label: of an object in a depth frame, the user's own or a real one with ground truth."""
+"""A view to label of an object in a depth frame, with or without ground truth."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class FrameTask:
 
     Attributes:
         file: the frame's .json.
-        label: the object's in the label image; None: there is none, and the object is looked for.
-        called: what the object is; empty where the frame does not say.
+        label: the object's in the label image; None: there is no label image, and the object is segmented.
+        called: the object's name; empty if the frame has none.
     """
 
     file: Path
@@ -35,7 +35,7 @@ class FrameTask:
 
     @property
     def object(self) -> str:
-        """Which decides the side: nameless objects of one frame are together."""
+        """It decides the side; nameless objects of one frame are on the same side."""
         return object_of(self.called or self.file.stem)
 
     @property
@@ -68,7 +68,7 @@ class FrameTask:
         base_T_camera = upright(scene.table, scene.centroid)
         return replace(scene, base_T_camera=base_T_camera, table=scene.table.moved(base_T_camera)), origin
 
-    def seen(self, seed: int) -> LabelView:
+    def load_view(self, seed: int) -> LabelView:
         """The view with the world that the finger meets.
 
         Raises:
@@ -78,7 +78,7 @@ class FrameTask:
 
 
 def frame_tasks(folder: Path) -> list[FrameTask]:
-    """All objects of all frames, by the frames' names. A frame without any, or a broken one, is a task that will fail.
+    """All objects of all frames, by the frames' names. A frame without any, or a broken one, becomes a task that fails.
 
     Raises:
         NotFound: no such folder, or no frame in it.

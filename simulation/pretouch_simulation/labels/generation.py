@@ -1,4 +1,4 @@
-"""Views labelled one after the other, by any number of workers, each in a file of its own."""
+"""Labels views, by any number of workers, each into a file of its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_detector.proposals.random import candidates
+from pretouch_detector.proposals.random import draw_candidates
 from pretouch_detector.training import trials
 from pretouch_detector.training.dataset import Dataset, Example, write
 from pretouch_registrar.engines import Engine
@@ -41,10 +41,10 @@ class Recipe:
 
     Attributes:
         rectangles, trials: of each view, and of each rectangle.
-        scanned: rectangles of a view whose trials are made, of `SCANS`: half of them those that the registrar foretells
-            to be best, the others drawn from the rest.
-        best_only: only the winner's trials are all made, of `TRIALS`.
-        finger: of `SCANS`; another fingertip of the model for each view.
+        scanned: of `SCANS`: rectangles of a view that are scanned: half of them the best by the registrar's prediction,
+            the others drawn from the rest.
+        best_only: of `TRIALS`: complete only the winner's trials.
+        finger: of `SCANS`; each view has another fingertip of the model.
         camera: of views of meshes; frames have their own.
     """
 
@@ -82,11 +82,11 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one view.
+    """The outcome of one view.
 
     Attributes:
         problem: why it has no labels, and what to do about it; empty where it has.
-        defect: whether that is pretouch's fault.
+        defect: whether the problem is a defect of pretouch.
     """
 
     name: str
@@ -94,19 +94,19 @@ class Outcome:
     defect: bool = False
 
 
-def labelled(task: ViewTask, recipe: Recipe, folder: Path) -> Outcome:
-    """`label` on one thread; what goes wrong is said in the outcome, so that other views go on."""
+def try_to_label(task: ViewTask, recipe: Recipe, folder: Path) -> Outcome:
+    """`label` on one thread; an error becomes part of the outcome, so that other views go on."""
     try:
         label(task, recipe, folder)
     except PretouchError as error:
         return Outcome(task.name, f"{error.detail} {error.remedy}".strip())
-    except Exception as error:  # one odd mesh must not end the making of a thousand others
+    except Exception as error:  # one odd mesh must not stop the labelling of a thousand others
         return Outcome(task.name, f"{type(error).__name__}: {error}", defect=True)
     return Outcome(task.name)
 
 
 def label(task: ViewTask, recipe: Recipe, folder: Path, threads: int | None = 1) -> None:
-    """Makes the view and its labels, and writes their file.
+    """Renders the view, labels it, and writes its file.
 
     Raises:
         PretouchError: the object cannot be shown, or none of it can be scanned.
@@ -115,16 +115,16 @@ def label(task: ViewTask, recipe: Recipe, folder: Path, threads: int | None = 1)
     if recipe.kind is Kind.TRIALS:
         scene, origin = task.scene(recipe.seed)
         settings = trials.Settings(recipe.rectangles, recipe.trials, MATCHINGS[recipe.engine], recipe.best_only)
-        rectangles, scores = trials.label(scene, settings, rng, threads)
-        expected, foreseen, sensor = np.full_like(scores, np.nan), np.full(len(scores), np.nan), Sensor()
+        rectangles, scores = trials.label_scene(scene, settings, rng, threads)
+        expected, predicted, sensor = np.full_like(scores, np.nan), np.full(len(scores), np.nan), Sensor()
     else:
-        view = task.seen(recipe.seed)
+        view = task.load_view(recipe.seed)
         scene, origin = view.scene, view.origin
         finger = realise(recipe.finger, generator("finger-model", recipe.seed, view.case.name, view.case.view))
-        rectangles, scores, expected, foreseen = _scanned(view, recipe, finger, rng)
+        rectangles, scores, expected, predicted = _scan_rectangles(view, recipe, finger, rng)
         sensor = finger.sensor
     provenance = {**task.provenance, "first_pixel": list(origin)}
-    example = Example(task.name, task.object, scene, sensor, rectangles, scores, expected, foreseen, provenance)
+    example = Example(task.name, task.object, scene, sensor, rectangles, scores, expected, predicted, provenance)
     write(Dataset(folder).path(task.side, task.name), example)
 
 
@@ -133,17 +133,17 @@ def describe(recipe: Recipe, command: str) -> dict[str, Any]:
     return {"recipe": asdict(recipe), "command": command}
 
 
-def _scanned(
+def _scan_rectangles(
     view: LabelView, recipe: Recipe, finger: Finger, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
-    rectangles = candidates(view.scene, recipe.rectangles, rng)
+    rectangles = draw_candidates(view.scene, recipe.rectangles, rng)
     scoring = scans.Scoring(recipe.trials, recipe.engine, finger, recipe.seed)
     paths = scans.paths_of(view, rectangles, scoring)
     if not any(paths):
         raise InvalidInput("No rectangle of the view can be scanned.", "Leave the object out.")
-    foreseen = scans.foreseen(view, paths, scoring)
-    order = np.argsort(foreseen, kind="stable")
+    predicted = scans.predict_errors(view, paths, scoring)
+    order = np.argsort(predicted, kind="stable")
     best = order[: recipe.scanned // 2]
     rest = rng.permutation(order[len(best) :])[: recipe.scanned - len(best)]
     errors, expected = scans.score(view, paths, [*best.tolist(), *rest.tolist()], scoring)
-    return np.array([rectangle.as_list() for rectangle in rectangles]), errors, expected, foreseen
+    return np.array([rectangle.as_list() for rectangle in rectangles]), errors, expected, predicted

@@ -1,4 +1,4 @@
-"""All views of a dataset that are not there yet, made by many processes on one machine or on a cluster."""
+"""Labels the missing views of a dataset, in processes on one machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from typing import Any
 from pretouch_detector.training.dataset import Dataset
 
 from pretouch.errors import PretouchError, Unavailable
-from pretouch_simulation.labels.cluster import on_ray
-from pretouch_simulation.labels.generation import Outcome, Recipe, label, labelled
+from pretouch_simulation.labels.cluster import run_on_ray
+from pretouch_simulation.labels.generation import Outcome, Recipe, label, try_to_label
 from pretouch_simulation.labels.task import Task, ViewTask
-from pretouch_simulation.workers import in_workers
+from pretouch_simulation.workers import run_in_workers
 
 
 class Cluster(StrEnum):
-    """Where the work is done besides this machine."""
+    """The cluster that does the work instead of this machine."""
 
     RAY = "ray"
 
 
-def missing(tasks: Sequence[ViewTask], dataset: Dataset) -> list[ViewTask]:
-    """Those that have no file yet."""
+def unlabelled(tasks: Sequence[ViewTask], dataset: Dataset) -> list[ViewTask]:
+    """The tasks that have no file yet."""
     return [task for task in tasks if not dataset.path(task.side, task.name).exists()]
 
 
@@ -48,10 +48,10 @@ def make(
         Unavailable: a worker was ended from outside, or the cluster cannot be used.
         KeyboardInterrupt: what was done by then is in the dataset.
     """
-    wanted = missing(tasks, dataset)
+    wanted = unlabelled(tasks, dataset)
     failed: dict[str, Outcome] = {}
     calls = [(task, recipe, dataset.folder) for task in wanted]
-    with closing(_outcomes(calls, recipe, workers, cluster)) as outcomes:  # ended, it waits for views that were begun
+    with closing(_label_all(calls, recipe, workers, cluster)) as outcomes:  # closing waits for views in progress
         for outcome in outcomes:
             if outcome.problem:
                 failed[outcome.name] = outcome
@@ -59,14 +59,14 @@ def make(
     return [failed[task.name] for task in wanted if task.name in failed]
 
 
-def _outcomes(
+def _label_all(
     calls: Sequence[tuple[Any, ...]], recipe: Recipe, workers: int, cluster: Cluster | None
 ) -> Generator[Outcome, None, None]:
     if cluster is Cluster.RAY:
-        yield from on_ray(labelled, calls, workers)
+        yield from run_on_ray(try_to_label, calls, workers)
         return
     try:
-        yield from in_workers(labelled, calls, workers, warm_up, (recipe,))
+        yield from run_in_workers(try_to_label, calls, workers, warm_up, (recipe,))
     except BrokenProcessPool as error:
         raise Unavailable(
             "A worker process was ended from outside, perhaps for want of memory.",
@@ -75,7 +75,7 @@ def _outcomes(
 
 
 def warm_up(recipe: Recipe) -> None:
-    """Compiles and loads what the first view would else wait for."""
+    """Compiles and loads in advance what the first view needs."""
     small = replace(recipe, rectangles=2, trials=1, scanned=min(recipe.scanned, 1))
     with tempfile.TemporaryDirectory() as folder, suppress(PretouchError):
         Dataset.create(Path(folder), {})

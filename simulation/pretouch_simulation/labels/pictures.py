@@ -15,7 +15,7 @@ from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
 from pretouch_simulation.labels.statistics import ViewStatistics
 from pretouch_simulation.reliability import save_small
-from pretouch_simulation.split import mixed
+from pretouch_simulation.split import mixing_key
 
 _COLOURS = {"train": "#1b9e77", "validation": "#d95f02"}
 _BEST, _WORST = "#00d000", "#ff2020"
@@ -23,7 +23,7 @@ _COLUMNS = 8
 _MOST_CM = 4.0
 _SHARES = (0.0, 0.1, 0.3, 1.0)
 _DEPTH_MARGIN = 0.02
-"""m beyond the object's depths that colours tell apart."""
+"""m by which the colour scale reaches beyond the object's depths."""
 _CM = 100.0
 
 
@@ -66,11 +66,11 @@ def save_contact_sheet(dataset: Dataset, path: Path, rows: int = 6) -> list[str]
 
 
 def _chosen(dataset: Dataset) -> list[tuple[str, Path]]:
-    """Side and file; every object once before any again, as far as file names tell, in an order fixed by the names."""
+    """Side and file, in an order fixed by the names: every object comes once before any comes again."""
     files = [(side, file) for side in SIDES for file in dataset.paths(side)]
     seen: dict[str, int] = {}
     order = []
-    for side, file in sorted(files, key=lambda one: mixed(one[1].stem)):
+    for side, file in sorted(files, key=lambda one: mixing_key(one[1].stem)):
         thing = file.stem.partition("-")[0]
         seen[thing] = seen.get(thing, 0) + 1
         order.append((seen[thing], side, file))
@@ -126,19 +126,19 @@ def _draw_views(axes: Any, by_side: dict[str, list[ViewStatistics]]) -> None:
 def _draw_unscannable(axes: Any, by_side: dict[str, list[ViewStatistics]]) -> None:
     axes.set_title("rectangles that cannot be scanned")
     names = ["none", *(f"{low:.0%} to {high:.0%}" for low, high in pairwise(_SHARES))]
-    told = False
+    determined = False
     for k, (side, views) in enumerate(by_side.items()):
         shares: Array = np.array([view.unscannable for view in views if not np.isnan(view.unscannable)])
         if not len(shares):
             continue
-        told = True
+        determined = True
         groups = np.bincount(np.searchsorted(_SHARES, shares), minlength=len(names))
         label = f"{side}: {shares.mean():.1%} of all"
         place = np.arange(len(names)) + 0.4 * k - 0.2
         bars = axes.bar(place, 100.0 * groups / len(shares), 0.38, color=_COLOURS[side], label=label)
         axes.bar_label(bars, fmt="%.0f", fontsize=7)
-    if not told:
-        axes.text(0.5, 0.5, "Algorithm 1 does not ask.", ha="center", va="center", transform=axes.transAxes)
+    if not determined:
+        axes.text(0.5, 0.5, "Not determined for Algorithm 1.", ha="center", va="center", transform=axes.transAxes)
         axes.axis("off")
         return
     axes.set_xticks(np.arange(len(names)), names, fontsize=8)

@@ -1,4 +1,4 @@
-"""Household objects made in code with random sizes, so that there is always something to learn from."""
+"""Household objects made in code, with random sizes, for training without mesh files."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pretouch_simulation.mesh import Mesh
 from pretouch_simulation.objects import bottle, bowl, box, can, lathed, mug
 
 
-def procedural(number: int) -> tuple[str, Mesh]:
-    """The object of that number, the same on every machine: its kind's name, and the mesh, m, z up, on z = 0."""
+def make_procedural(number: int) -> tuple[str, Mesh]:
+    """Makes the object of that number, the same on every machine: its kind, and the mesh, m, z up, on z = 0."""
     make = tuple(_KINDS.values())[number % len(_KINDS)]
     return procedural_name(number), make(np.random.default_rng(number)).resting()
 

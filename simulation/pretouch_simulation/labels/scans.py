@@ -1,7 +1,7 @@
-"""Rectangles scored by what really happens: the finger scans the displaced mesh along the perimeter, an engine answers.
+"""Rectangles scored by simulated scans: a finger scans the displaced mesh along the perimeter, an engine registers it.
 
-The trials are those of the evaluation protocol: path planned from the prior alone, true mesh and table, calibration
-errors as there. Each trial of each rectangle has a calibration error and a noise of its own.
+The trials are those of the evaluation protocol: path planned from the prior alone, true mesh and table, the same
+distribution of calibration errors. Each trial of each rectangle has a calibration error and a noise of its own.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from pretouch.trajectory import Trajectory
 from pretouch_simulation.finger import Finger
 from pretouch_simulation.fingers.thin_beam import ThinBeam
 from pretouch_simulation.labels.view import LabelView
-from pretouch_simulation.protocol import generator, offset_about
+from pretouch_simulation.protocol import draw_offset_about, generator
 
 
 @dataclass(frozen=True)
 class Scoring:
-    """How.
+    """How rectangles are scored.
 
     Attributes:
         trials: of each rectangle.
         seed: of calibration errors and noise.
-        registrar: which answers; it keeps the view's model from trial to trial.
+        registrar: it caches the view's model between trials.
     """
 
     trials: int = 1
@@ -52,8 +52,8 @@ def paths_of(view: LabelView, rectangles: Sequence[RotatedRectangle], scoring: S
     return plan_paths(view.scene, rectangles, from_prior(scoring.settings.prior, view.scene.cloud), ScanSettings())
 
 
-def foreseen(view: LabelView, paths: Sequence[Trajectory | None], scoring: Scoring) -> Array:
-    """(r,), m: the error that the registrar foretells for each path; without a path, what the prior leaves."""
+def predict_errors(view: LabelView, paths: Sequence[Trajectory | None], scoring: Scoring) -> Array:
+    """(r,), m: the error that the registrar predicts for each path; without a path, the prior's."""
     settings = scoring.settings
     left = np.full(len(paths), from_prior(settings.prior, view.scene.cloud).expected_error)
     there = [path for path in paths if path is not None]
@@ -66,27 +66,27 @@ def score(
 ) -> tuple[Array, Array]:
     """Errors and expected errors (r, t), m, after one scan along each path; NaN for those that are not `wanted`.
 
-    A rectangle without a path leaves what the prior leaves.
+    A rectangle without a path leaves the prior's error.
     """
     errors, expected = np.full((2, len(paths), scoring.trials), np.nan)
     for k in wanted:
         for trial in range(scoring.trials):
-            errors[k, trial], expected[k, trial] = _trial(view, paths[k], scoring, k, trial)
+            errors[k, trial], expected[k, trial] = _run_trial(view, paths[k], scoring, k, trial)
     return errors, expected
 
 
-def after_scan(
+def scan_and_register(
     view: LabelView, path: Trajectory | None, truth: Pose, scoring: Scoring, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """Error and expected error, m, once `path` is scanned where `truth` is right; `rng` draws the noise.
+    """Error and expected error, m, after a scan along `path` if `truth` is the true correction; `rng` draws the noise.
 
-    The error is that of the object's true points; the engine expects one of those that the client's mask holds.
+    The error is over the object's true points; the expected error is over the points in the client's mask.
     """
     scene, settings = view.scene, scoring.settings
     true_cloud = view.case.cloud
     if path is None:
         return mean_error(true_cloud, truth, Pose.identity()), from_prior(settings.prior, scene.cloud).expected_error
-    solution = scoring.registrar.solution_of(scene, [view.scanned(truth, path, scoring.finger, rng)], settings)
+    solution = scoring.registrar.solution_of(scene, [view.scan(truth, path, scoring.finger, rng)], settings)
     correction = pose_of(solution.x, scene.centroid)
     left, _ = point_error(solution.covariance, correction.apply(scene.cloud), scene.centroid + solution.x[3:])
     return mean_error(true_cloud, truth, correction), left
@@ -97,6 +97,6 @@ def mean_error(cloud: Array, truth: Pose, correction: Pose) -> float:
     return float(np.linalg.norm(truth.apply(cloud) - correction.apply(cloud), axis=1).mean())
 
 
-def _trial(view: LabelView, path: Trajectory | None, scoring: Scoring, k: int, trial: int) -> tuple[float, float]:
+def _run_trial(view: LabelView, path: Trajectory | None, scoring: Scoring, k: int, trial: int) -> tuple[float, float]:
     rng = generator("label", scoring.seed, view.case.name, view.case.view, k, trial)
-    return after_scan(view, path, offset_about(view.scene.centroid, rng), scoring, rng)
+    return scan_and_register(view, path, draw_offset_about(view.scene.centroid, rng), scoring, rng)

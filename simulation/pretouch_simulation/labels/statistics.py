@@ -1,4 +1,4 @@
-"""What a dataset holds, in numbers."""
+"""Statistics of a dataset."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from pretouch.estimate import Prior, from_prior
 from pretouch.geometry import Array
 
 _SAME = 1e-3
-"""Relative; what was stored in single precision and recomputed from stored depth."""
+"""Relative tolerance of a value stored in single precision against one recomputed from stored depth."""
 _CM = 100.0
 _LEAST = 5
-"""Rectangles with all their trials that a view must have for its halves to be compared."""
+"""The least number of rectangles with all their trials for which the halves are compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewStatistics:
-    """Of one view.
+    """The statistics of one view.
 
     Attributes:
         rectangles: how many.
         errors: (k,), m, ascending: of those with trials.
-        unscannable: share of the rectangles along which the finger never comes over the object; NaN where that was not
-            looked at.
-        agreement: rank correlation, over the rectangles, of the first half of the trials with the second: what of a
-            score is the rectangle's and not its trials' luck. NaN with fewer than two trials or five rectangles.
+        unscannable: share of the rectangles along which the finger never comes over the object; NaN if that was not
+            determined.
+        agreement: rank correlation, over the rectangles, of the first half of the trials with the second: how far
+            a score depends on the rectangle and not on the trials' randomness. NaN with fewer than two trials or five
+            rectangles.
     """
 
     object: str
@@ -54,9 +55,9 @@ def statistics_of(example: Example, side: str, worst: bool) -> ViewStatistics:
     """Of a view; `worst` as in `Example.achieved`."""
     errors = example.achieved(worst)
     unscannable = np.nan
-    if not np.isnan(example.foreseen).all():
+    if not np.isnan(example.predicted).all():
         left = from_prior(Prior(), example.scene.cloud).expected_error
-        unscannable = float((example.foreseen >= (1.0 - _SAME) * left).mean())
+        unscannable = float((example.predicted >= (1.0 - _SAME) * left).mean())
     known = np.sort(errors[~np.isnan(errors)])
     return ViewStatistics(example.object, side, len(example.rectangles), known, unscannable, _agreement(example, worst))
 
@@ -84,7 +85,7 @@ def statistics(dataset: Dataset) -> list[ViewStatistics]:
 
 
 def table(views: Sequence[ViewStatistics]) -> Table:
-    """Sides by what they hold; errors in cm, means over views of each view's best, median and worst rectangle."""
+    """A line for each side; errors in cm, means over views of each view's best, median and worst rectangle."""
     shown = Table(title="labels; errors in cm")
     counts, errors = ("objects", "views", "rectangles", "with trials"), ("best", "median", "worst")
     for name in ("side", *counts, *errors, "unscannable", "halves agree"):
@@ -108,5 +109,5 @@ def table(views: Sequence[ViewStatistics]) -> Table:
 
 
 def _mean(values: Sequence[float], form: str) -> str:
-    told = [value for value in values if not np.isnan(value)]
-    return form.format(np.mean(told)) if told else "-"
+    finite = [value for value in values if not np.isnan(value)]
+    return form.format(np.mean(finite)) if finite else "-"

@@ -1,4 +1,4 @@
-"""One view to label: of which object, in which of its resting poses, seen from where."""
+"""A view to label: the object, its resting pose, and the camera's place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from pretouch.errors import InvalidInput
 from pretouch.scene import Scene
 from pretouch_simulation.depth_cameras import CameraModel, realise
-from pretouch_simulation.labels.procedural import procedural, procedural_name
+from pretouch_simulation.labels.procedural import make_procedural, procedural_name
 from pretouch_simulation.labels.view import LabelView, view_of
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.protocol import Case, case_of, generator
@@ -18,7 +18,7 @@ from pretouch_simulation.split import object_of, split_of
 from pretouch_simulation.stable_pose import resting_poses
 
 _POSES = 3
-"""Resting poses that are looked for; an object with fewer is shown in those it has again, from elsewhere."""
+"""Resting poses that are computed; an object with fewer repeats them, seen from other places."""
 
 
 class ViewTask(Protocol):
@@ -41,10 +41,10 @@ class ViewTask(Protocol):
         """Where the view comes from."""
 
     def scene(self, seed: int) -> tuple[Scene, tuple[int, int]]:
-        """What a session sees, and its first pixel (u0, v0); raises `PretouchError` where that is nothing."""
+        """What a session sees, and its first pixel (u0, v0); raises `PretouchError` if there is no object."""
 
-    def seen(self, seed: int) -> LabelView:
-        """The same beside the world that it was made of; raises `PretouchError` where there is none."""
+    def load_view(self, seed: int) -> LabelView:
+        """The view with its world; raises `PretouchError` if there is no world."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Task:
 
     Attributes:
         source: the mesh file, or the number.
-        pose: which of the object's resting poses; beyond the last they begin anew.
+        pose: which of the object's resting poses, modulo their number.
         view: which camera place and calibration error.
         camera: which depth camera looks.
     """
@@ -75,7 +75,7 @@ class Task:
 
     @property
     def object(self) -> str:
-        """Which decides the side: all that is made in code is trained on."""
+        """It decides the side; objects made in code are always on `train`."""
         return object_of(self.stem) if isinstance(self.source, Path) else self.stem
 
     @property
@@ -90,10 +90,10 @@ class Task:
 
     def scene(self, seed: int) -> tuple[Scene, tuple[int, int]]:
         """What a session sees, and its first pixel; raises as `case`."""
-        view = self.seen(seed)
+        view = self.load_view(seed)
         return view.scene, view.origin
 
-    def seen(self, seed: int) -> LabelView:
+    def load_view(self, seed: int) -> LabelView:
         """The view as a session sees it, and its world; raises as `case`."""
         return view_of(self.case(seed))
 
@@ -103,7 +103,7 @@ class Task:
         Raises:
             PretouchError: the mesh cannot be read, has no volume, or is not seen.
         """
-        mesh = load_mesh(self.source) if isinstance(self.source, Path) else procedural(self.source)[1]
+        mesh = load_mesh(self.source) if isinstance(self.source, Path) else make_procedural(self.source)[1]
         poses = resting_poses(mesh, _POSES)
         return case_of(
             self.name,
@@ -121,7 +121,7 @@ def tasks_of(
     views: int,
     camera: CameraModel = CameraModel.KINECT,
 ) -> list[Task]:
-    """All views: every object once before any is seen again, so that each beginning of the list is a fair share.
+    """All views, ordered so that every object comes once before any comes again: each prefix is a fair sample.
 
     Raises:
         InvalidInput: there is no object.

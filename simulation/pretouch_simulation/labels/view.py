@@ -1,4 +1,4 @@
-"""A view as a session sees it, beside the world that it was made of."""
+"""A view as a session sees it, together with its world."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class LabelView:
     scene: Scene
     origin: tuple[int, int]
 
-    def scanned(self, truth: Pose, path: Trajectory, finger: Finger, rng: np.random.Generator) -> Scan:
-        """What the finger meets along `path` where `truth` is the right correction, instead of the case's own.
+    def scan(self, truth: Pose, path: Trajectory, finger: Finger, rng: np.random.Generator) -> Scan:
+        """Scans along `path` as if `truth` were the true correction, instead of the case's own.
 
-        Only the object's place relative to the camera's belief matters. So the world is moved rather than the camera's
-        extrinsics: what was computed of the depth image stays good.
+        Only the object's pose relative to where the camera puts it matters. So the world is moved and not the camera's
+        extrinsics, and what was computed from the depth image stays valid.
         """
         world_T_base = self.case.truth @ truth.inverse()
         moved = Trajectory(path.t, world_T_base.matrix @ path.base_T_tip)
@@ -60,7 +60,7 @@ def scene_of(
     """What a session makes of a depth image: table found, cropped, specks removed; and the first pixel (u0, v0).
 
     Args:
-        mask: (h, w), True on the object; None: it is looked for.
+        mask: (h, w), True on the object; None: the object is segmented.
 
     Raises:
         InvalidInput: no object or no table is found.

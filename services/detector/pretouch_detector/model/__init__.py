@@ -1,4 +1,4 @@
-"""The network of proposer `deep`: what it sees of a scene, and how it is built.
+"""The network of proposer `deep`: its inputs and its architecture.
 
 Only the torch modules need torch.
 """

@@ -34,7 +34,7 @@ class Backbone(nn.Module):
     Args:
         width: channels at a quarter of the size; twice as many at an eighth and a sixteenth.
 
-    It learns in half precision, which is as good and takes less time, and answers in single precision.
+    It trains in half precision, which is as accurate and faster, and infers in single precision.
     """
 
     def __init__(self, features: int = 48, width: int = 32) -> None:

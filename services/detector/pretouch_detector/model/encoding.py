@@ -1,7 +1,7 @@
 """What the network sees of a scene: a square around the object, its pixels as points in the table's frame.
 
-A finger that comes from above meets heights over the table, so that these, and not the depth along the camera's axis,
-are what the channels hold. The square is sampled to a fixed size; rectangles are given in its own units.
+A finger that comes from above measures heights over the table; the channels hold these instead of depths along the
+camera's axis. The square is sampled to a fixed size; rectangles are given in units of the square.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ where there is no depth; 1 on the object; 1 where there is depth; log of the hal
 LENGTH = 0.05
 SCALE = 0.08
 _SIDE = 1.5
-"""Sides of the object's bounding box that the square is long: candidates reach beyond the object."""
+"""The square's side over the longer side of the object's bounding box: candidates reach beyond the object."""
 _LIMIT = 4.0
 
 
@@ -48,7 +48,7 @@ class Encoding:
 
 
 def encode(scene: Scene) -> Encoding:
-    """The scene's square; what of it lies outside the image is unseen."""
+    """The scene's square; pixels outside the image count as without depth."""
     u0, v0, u1, v1 = scene.bounds()
     centre = (0.5 * (u0 + u1 - 1), 0.5 * (v0 + v1 - 1))
     half = 0.5 * _SIDE * max(u1 - u0, v1 - v0)
@@ -57,7 +57,7 @@ def encode(scene: Scene) -> Encoding:
     h, w = scene.mask.shape
     inside = ((v >= 0) & (v < h))[:, None] & ((u >= 0) & (u < w))
     window = np.ix_(v.clip(0, h - 1), u.clip(0, w - 1))
-    metres = np.where(inside, _unspeckled(scene.depth.metres, window, half), 0.0)
+    metres = np.where(inside, _sample_depths(scene.depth.metres, window, half), 0.0)
     on = scene.mask[window] & inside & (metres > 0)
     camera = scene.camera
     rays = np.stack(
@@ -78,8 +78,8 @@ def encode(scene: Scene) -> Encoding:
     return Encoding(image, centre, half)
 
 
-def _unspeckled(metres: NDArray[np.float32], window: tuple[NDArray[np.intp], ...], half: float) -> Array:
-    """Depths in the window; a window coarser than the image takes the median of a pixel's surroundings."""
+def _sample_depths(metres: NDArray[np.float32], window: tuple[NDArray[np.intp], ...], half: float) -> Array:
+    """Depths at the window's pixels; where these are further apart than 2 px, the median around each."""
     step = int(2 * half / SIZE)
     if step < 2:
         return np.asarray(metres[window], dtype=np.float64)

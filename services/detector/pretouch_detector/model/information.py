@@ -1,4 +1,4 @@
-"""What beams tell of a pose, as a layer: the variances that are left of the calibration prior."""
+"""The beams' information about a pose, as a layer: the posterior variances, from the calibration prior."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def object_of(image: Tensor) -> tuple[Tensor, Tensor]:
     return middle, torch.sqrt(squares + 1e-6)
 
 
-def remaining(arms: Tensor, directions: Tensor) -> Tensor:
-    """Variances (..., 6) of rotation vector, rad^2, and translation, LENGTH^2, that beams leave of the prior.
+def remaining_variances(arms: Tensor, directions: Tensor) -> Tensor:
+    """Variances (..., 6) of rotation vector, rad^2, and translation, LENGTH^2, after the beams, given the prior.
 
     Args:
         arms: (..., 1, p, 3), LENGTH, from the object's middle to where each beam ends.
-        directions: (..., k, p, 3), 1 / LENGTH, along which each of k measurements of each beam fixes that place: unit
-            vectors by their standard deviations.
+        directions: (..., k, p, 3), 1 / LENGTH, along which the k measurements of each beam constrain that place: unit
+            vectors divided by their standard deviations.
     """
     a, d = arms, directions
     turns = torch.stack(

@@ -1,10 +1,10 @@
 """The network: the error that a scan of any rectangle's perimeter would leave.
 
-The network corrects what proposer `stability` works out by itself, the `analytic` error. Features are read along the
-perimeter, where the finger would go, and nowhere else. A small network reads each point with its neighbours and says
-along which directions, and how well, a beam there fixes the place of what it meets. What beams tell of a pose adds up
-as J^T J (Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003). From the variances that this
-leaves of the calibration prior, the perimeter and the whole a last network takes the correction.
+The network corrects the `analytic` error that proposer `stability` computes. Features are sampled along the perimeter
+only, where the finger would go. A small network reads each point with its neighbours and answers along which
+directions, and how well, a beam there constrains the place of what it hits. The beams' information about the pose adds
+up as J^T J (Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003). From the posterior variances,
+features of the perimeter and features of the whole image a last network predicts the correction.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from torch import Tensor, nn
 
 from pretouch_detector.model.backbone import Backbone
 from pretouch_detector.model.encoding import CHANNELS, LENGTH
-from pretouch_detector.model.information import object_of, remaining
+from pretouch_detector.model.information import object_of, remaining_variances
 
 POINTS = 48
 """Points along a perimeter, evenly."""
-OUTPUTS = ("log_error", "log_std", "log_expected", "log_foreseen")
+OUTPUTS = ("log_error", "log_std", "log_expected", "log_predicted")
 """Log of the mean error, m; log of the standard deviation of the error's logarithm; and logs, m, of what the registrar
-expects after the scan and foretells before it: the last two only help to learn."""
+expects after the scan and predicts before it; the last two are auxiliary training targets."""
 _DIRECTIONS = 2
-"""That a beam fixes the place along."""
+"""Directions along which a beam constrains the place that it hits."""
 _USUAL = 0.007
-"""m: an error."""
+"""m: a typical error, which normalises inputs."""
 _SHARP = 4.0
-"""1 / LENGTH: of a direction for which the network says 1."""
+"""1 / LENGTH: the weight of a direction for which the network answers 1."""
 
 
 class _Along(nn.Module):
@@ -77,22 +77,22 @@ class Scorer(nn.Module):
         features = self.backbone(image)
         b, r = rectangles.shape[:2]
         points, tangent = perimeter(rectangles, self.steps)
-        seen = _sampled(image, points)  # (b, c, r, p)
+        seen = _sample(image, points)  # (b, c, r, p)
         local = torch.cat([points - rectangles[..., None, :2], tangent, points], dim=-1).permute(0, 3, 1, 2)
-        x = self.point(torch.cat([_sampled(features, points), seen, local], dim=1))  # (b, hidden, r, p)
+        x = self.point(torch.cat([_sample(features, points), seen, local], dim=1))  # (b, hidden, r, p)
         for layer in self.along:
             x = layer(x)
         directions = _SHARP * self.directions(x).reshape(b, _DIRECTIONS, 3, r, POINTS).permute(0, 3, 1, 4, 2)
         middle, radius = object_of(image)
         arms = seen[:, :3].permute(0, 2, 3, 1) - middle[:, None, None]
-        left = remaining(arms[:, :, None], directions)  # (b, r, 6)
+        left = remaining_variances(arms[:, :, None], directions)  # (b, r, 6)
         turned, moved = left[..., :3].sum(dim=-1), left[..., 3:].sum(dim=-1)
         by_information = 0.5 * torch.log(moved + radius[:, None] ** 2 * 2.0 / 3.0 * turned) + math.log(LENGTH)
         logs = torch.stack([by_information, torch.log(analytic)], dim=-1)
         whole = self.whole(features.mean(dim=(2, 3)))[:, None].expand(b, r, -1)
         size = image[:, -1, 0, 0][:, None, None].expand(b, r, 1)
-        told = [torch.log(left), logs - math.log(_USUAL), torch.log(rectangles[..., 2:4]), size, whole]
-        pooled = torch.cat([x.mean(dim=3).transpose(1, 2), x.amax(dim=3).transpose(1, 2), *told], dim=2)
+        context = [torch.log(left), logs - math.log(_USUAL), torch.log(rectangles[..., 2:4]), size, whole]
+        pooled = torch.cat([x.mean(dim=3).transpose(1, 2), x.amax(dim=3).transpose(1, 2), *context], dim=2)
         out: Tensor = self.head(pooled) + logs[..., 1:] * self.of_error
         return out
 
@@ -113,6 +113,6 @@ def perimeter(rectangles: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
     return points, tangent
 
 
-def _sampled(image: Tensor, points: Tensor) -> Tensor:
+def _sample(image: Tensor, points: Tensor) -> Tensor:
     """(b, c, r, p): bilinear values of image (b, c, s, s) at points (b, r, p, 2) in [-1, 1]; 0 outside."""
     return nn.functional.grid_sample(image, points, mode="bilinear", padding_mode="zeros", align_corners=False)

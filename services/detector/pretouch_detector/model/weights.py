@@ -21,7 +21,7 @@ from pretouch.geometry import Array
 from pretouch_detector.model.encoding import CHANNELS, SIZE, Encoding
 
 FORMAT = 1
-"""Raised when a network trained before reads or answers something else than one trained now."""
+"""Incremented when the inputs or outputs of a trained network change."""
 FOLDER = Path(__file__).parents[1] / "weights"
 THREADS = 2
 _GRAPH, _DESCRIPTION = "scorer.onnx", "scorer.json"
@@ -45,7 +45,7 @@ class Network:
 
         Args:
             rectangles: (n, 5) in the scene's pixels.
-            analytic: (n,), m: what `proposals.information` works out for each.
+            analytic: (n,), m: as by `proposals.information`.
         """
         inputs = {
             "image": encoding.image[None],
@@ -57,16 +57,16 @@ class Network:
 
 
 def load(folder: Path, threads: int) -> Network:
-    """Reads a network and asks it once.
+    """Loads a network and runs it once.
 
     Args:
-        threads: that one question may occupy.
+        threads: for one inference.
 
     Raises:
         Unavailable: a file is missing or damaged, or of another version, or onnxruntime is not installed.
     """
     _check_description(folder / _DESCRIPTION)
-    network = Network(_session(folder / _GRAPH, threads))
+    network = Network(_open_session(folder / _GRAPH, threads))
     _check_answers(network)
     return network
 
@@ -97,8 +97,8 @@ class Weights:
 
 
 def _check_description(path: Path) -> None:
-    """Sees to it that the description is of a network that this version can ask."""
-    about = _described(path)
+    """Refuses a network that this version cannot use."""
+    about = _read_description(path)
     if about.get("format") != FORMAT:
         raise Unavailable(
             f"The weights are of format {about.get('format')}; this version reads {FORMAT}.",
@@ -113,17 +113,17 @@ def _check_description(path: Path) -> None:
 
 
 def _check_answers(network: Network) -> None:
-    """Asks for three errors on an empty image; anything else is another network."""
+    """Runs the network on an empty image and three rectangles; any other answer than three errors is refused."""
     nothing = Encoding(np.zeros((len(CHANNELS), SIZE, SIZE), np.float32), (0.0, 0.0), 1.0)
     try:
         answer = network.errors(nothing, [(0.0, 0.0, 1.0, 1.0, 0.0)] * 3, [0.01] * 3)
-    except Exception as error:  # onnxruntime raises many kinds
+    except Exception as error:  # onnxruntime raises many kinds of error
         raise Unavailable(f"The weights hold another network: {_first_line(error)}", _REMEDY) from error
     if answer.shape != (3,) or not np.isfinite(answer).all():
         raise Unavailable(f"The weights answer {answer}, not three errors.", _REMEDY)
 
 
-def _described(path: Path) -> dict[str, Any]:
+def _read_description(path: Path) -> dict[str, Any]:
     try:
         about = json.loads(path.read_text())
     except FileNotFoundError as error:
@@ -135,7 +135,7 @@ def _described(path: Path) -> dict[str, Any]:
     return about
 
 
-def _session(path: Path, threads: int) -> Any:
+def _open_session(path: Path, threads: int) -> Any:
     """An onnxruntime session of the graph."""
     try:
         import onnxruntime
@@ -147,11 +147,11 @@ def _session(path: Path, threads: int) -> Any:
         raise Unavailable(f"The weights {path.name} are missing.", _REMEDY) from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    options.log_severity_level = 4  # what fails is raised
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # the machine has other services
+    options.log_severity_level = 4  # failures are raised, so they need not be logged
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # leaves the cores to the other services
     try:
         return onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime raises many kinds
+    except Exception as error:  # onnxruntime raises many kinds of error
         raise Unavailable(f"The weights {path.name} are damaged: {_first_line(error)}", _REMEDY) from error
 
 

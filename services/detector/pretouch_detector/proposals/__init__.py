@@ -14,10 +14,10 @@ import numpy as np
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput, Unavailable
 from pretouch.geometry import Plane, Pose
+from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Sensor
-from pretouch_detector.proposals.region import ProposedRegion
 
 MAX_REGIONS = 200
 _PROPOSERS = (Proposer.DEEP, Proposer.STABILITY, Proposer.RANDOM, Proposer.NARF)
@@ -34,33 +34,33 @@ class Proposals:
 
 def readiness() -> list[tuple[Proposer, str]]:
     """Each proposer, the usable ones first, with the reason why it is not ready; empty when it is."""
-    return sorted(((proposer, _obstacle(proposer)) for proposer in _PROPOSERS), key=lambda pair: bool(pair[1]))
+    return sorted(((proposer, _reason_not_ready(proposer)) for proposer in _PROPOSERS), key=lambda pair: bool(pair[1]))
 
 
 def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int, seed: int) -> Proposals:
-    """Up to `count` regions by `proposer`; None takes the best that is ready. The same arguments give the same answer.
+    """Up to `count` regions by `proposer`; None takes the best that is ready. The result is deterministic.
 
     Raises:
         InvalidInput: count out of range.
         Unavailable: the proposer is not ready.
     """
     if not 1 <= count <= MAX_REGIONS:
-        raise InvalidInput(f"{count} regions were asked for.", f"Ask for 1 to {MAX_REGIONS}.")
+        raise InvalidInput(f"{count} regions were requested.", f"Ask for 1 to {MAX_REGIONS}.")
     chosen = proposer or readiness()[0][0]
-    if obstacle := _obstacle(chosen):
+    if obstacle := _reason_not_ready(chosen):
         names = ", ".join(name for name, reason in readiness() if not reason)
         raise Unavailable(f"The proposer {chosen} is not ready: {obstacle}", f"Choose one of {names}.")
     regions: list[ProposedRegion] = _module(chosen).propose(scene, sensor, count, np.random.default_rng(seed))
     return Proposals(chosen, regions)
 
 
-def _obstacle(proposer: Proposer) -> str:
-    reason: str = _module(proposer).not_ready() if proposer is Proposer.DEEP else ""
+def _reason_not_ready(proposer: Proposer) -> str:
+    reason: str = _module(proposer).reason_not_ready() if proposer is Proposer.DEEP else ""
     return reason
 
 
 def warm_up() -> None:
-    """Compiles or loads all that requests need of the proposers that are ready."""
+    """Compiles or loads everything that requests to the ready proposers need."""
     depth = np.ones((24, 24), np.float32)
     mask = np.zeros(depth.shape, np.bool_)
     mask[8:16, 8:16] = True
@@ -72,5 +72,5 @@ def warm_up() -> None:
 
 
 def _module(proposer: Proposer) -> Any:
-    """Imported when it is first asked, since numba takes a second to import."""
+    """Imported on first use, since numba takes a second to import."""
     return import_module(f"{__name__}.{proposer.value}")

@@ -1,7 +1,7 @@
-"""Proposer `deep`: random candidates ranked by the pose error that a trained network foretells for each.
+"""Proposer `deep`: random candidates ranked by the pose error that a trained network predicts for each.
 
-The network looks at the scene once, then along the perimeters, and corrects what proposer `stability` works out. Of the
-candidates that are poor by `stability` it is not asked: it seldom makes them good, and its time is dear.
+The network looks at the scene once, then along the perimeters, and corrects what proposer `stability` works out. It is
+not run on candidates that `stability` rates poorly: it seldom rates them better, and each one takes time.
 """
 
 from __future__ import annotations
@@ -11,21 +11,20 @@ import numpy as np
 from pretouch.errors import Unavailable
 from pretouch.estimate import Prior, from_prior
 from pretouch.geometry import Array
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.model.encoding import encode
 from pretouch_detector.model.weights import FOLDER, THREADS, Network, Weights
 from pretouch_detector.proposals.information import remaining_error
-from pretouch_detector.proposals.random import drawn
-from pretouch_detector.proposals.region import ProposedRegion
-from pretouch_detector.spread import spread
+from pretouch_detector.proposals.random import draw_rectangles
+from pretouch_detector.suppression import suppress_overlapping
 
 WEIGHTS = Weights(FOLDER)
 _MARGIN = 0.13
-"""m around the object that the network may see: a session's view has about as much, and the network learned by it."""
-_CANDIDATES, _ASKED = 480, 240
-"""Drawn, and of them the best by `stability` that the network is asked about; of each at least as many as wanted."""
+"""m around the object that the network may see: about what a session's view has, on which it was trained."""
+_CANDIDATES, _EVALUATED = 480, 240
+"""How many are drawn, and how many of the best by `stability` the network evaluates; never fewer than wanted."""
 
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
@@ -34,10 +33,10 @@ def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) 
     Raises:
         Unavailable: the network cannot be read.
     """
-    return regions(WEIGHTS.network(), scene, sensor, count, rng)
+    return propose_by(WEIGHTS.network(), scene, sensor, count, rng)
 
 
-def not_ready() -> str:
+def reason_not_ready() -> str:
     """Why the proposer cannot be used; empty when it can."""
     try:
         WEIGHTS.network()
@@ -47,31 +46,31 @@ def not_ready() -> str:
 
 
 def warm_up(threads: int = THREADS) -> None:
-    """Reads the network, if it can be, for questions that occupy so many threads each."""
+    """Loads the network, if possible, for inference with `threads` threads."""
     try:
         WEIGHTS.network(threads)
     except Unavailable:
         return
 
 
-def regions(
+def propose_by(
     network: Network, scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator
 ) -> list[ProposedRegion]:
-    """As `propose`, by any network."""
+    """As `propose`, with the given network."""
     scene, origin = scene.cropped(_MARGIN)
-    rectangles = drawn(scene, max(_CANDIDATES, count), rng)
+    rectangles = draw_rectangles(scene, max(_CANDIDATES, count), rng)
     analytic, _ = remaining_error(scene, sensor, rectangles)
-    asked = np.argsort(analytic, kind="stable")[: max(_ASKED, count)]
-    rectangles = rectangles[asked]
-    errors = network.errors(encode(scene), rectangles, analytic[asked])
+    chosen = np.argsort(analytic, kind="stable")[: max(_EVALUATED, count)]
+    rectangles = rectangles[chosen]
+    errors = network.errors(encode(scene), rectangles, analytic[chosen])
     order = np.argsort(errors, kind="stable")
-    kept = order[spread(rectangles[order], count)]
+    kept = order[suppress_overlapping(rectangles[order], count)]
     confidence = np.clip(1.0 - errors / from_prior(Prior(), scene.cloud).expected_error, 0.0, 1.0)
     rectangles[:, :2] += origin
     return [ProposedRegion(RotatedRectangle(*rectangles[k]), float(confidence[k])) for k in kept]
 
 
-def foretold(network: Network, scene: Scene, sensor: Sensor, rectangles: Array) -> Array:
+def predict_errors(network: Network, scene: Scene, sensor: Sensor, rectangles: Array) -> Array:
     """(n,), m: the error that a scan along each perimeter would leave; rectangles (n, 5) in the scene's pixels."""
     analytic, _ = remaining_error(scene, sensor, rectangles)
     return network.errors(encode(scene), rectangles, analytic)

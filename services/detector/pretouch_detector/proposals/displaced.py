@@ -1,4 +1,4 @@
-"""What scans leave of the prior when the object is not where the camera puts it: a compiled part of `information`."""
+"""The uncertainty after a scan of a displaced object: a compiled part of `information`."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ def mean_square(
     rows: Array, corner: Array, cell: float, paths: Array, independent: Array, shifts: Array, precision: Array,
     lever: Array,
 ) -> Array:  # fmt: skip
-    """(n,): trace(lever^T C lever), the mean over displacements, of the covariances C left along paths (n, b, 2), m.
+    """(n,): the mean over displacements of trace(lever^T C lever), C being the covariance after a scan of a path.
 
     Args:
         rows: (nx, ny, 6), see `information._rows`.
-        independent: (n,), beams that each one of a path is worth.
+        independent: (n,), independent measurements that each beam of a path counts for.
         shifts: (t, 3), m and rad: the displacements.
         precision: (6, 6), the prior's.
         lever: (6, 6).
+        paths: (n, b, 2), m.
     """
     nx, ny = rows.shape[:2]
     products = np.empty((nx * ny, _TERMS))
@@ -36,20 +37,20 @@ def mean_square(
                     products[u * ny + v, k] = rows[u, v, a] * rows[u, v, b]
                     k += 1
     met = np.empty(paths.shape[1], np.int64)
-    told, matrix = np.empty(_TERMS), np.empty((6, 6))
+    information, matrix = np.empty(_TERMS), np.empty((6, 6))
     total = np.zeros(len(paths))
     for n in range(len(paths)):
         for t in range(len(shifts)):
             _met(paths[n], shifts[t], corner, cell, nx, ny, met)
-            told[:] = 0.0
+            information[:] = 0.0
             for i in range(len(met)):
                 product = products[met[i]]
                 for k in range(_TERMS):
-                    told[k] += product[k]
+                    information[k] += product[k]
             k = 0
             for a in range(6):
                 for b in range(a + 1):
-                    matrix[a, b] = told[k] * independent[n] + precision[a, b]
+                    matrix[a, b] = information[k] * independent[n] + precision[a, b]
                     k += 1
             total[n] += _trace_of_inverse(matrix, lever)
     return total / len(shifts)

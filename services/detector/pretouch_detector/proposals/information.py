@@ -1,14 +1,14 @@
-"""What a scan along a perimeter would tell about the pose: linear, from the view alone, many candidates at once.
+"""The information about the pose that a scan along a perimeter would give: linearised, from the view alone.
 
 The beam is along the table's normal. Where it meets a surface of height z(x, y) above the table, a small motion of the
 world changes its range by n . (w x p + d), n = (-dz/dx, -dz/dy, 1): each beam is one row of information about (w, d),
 after Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm" (2003). The table counts like the object,
-since they move as one: it fixes height and tilt. An edge, be it the silhouette or a step or crease within it, is where
-the slope is steep or changes: it fixes the pose across itself, no better than the camera saw where it is. Beams that
-would end beyond the sensor's range tell nothing but where the object ends.
+since they move as one: it constrains height and tilt. An edge (silhouette, step or crease) is where the slope is steep
+or changes: it constrains the pose across the edge, as precisely as the camera located the edge. Beams that would end
+beyond the sensor's range only tell where the object ends.
 
-The object is not where the camera puts it, so that a scan does not meet what its perimeter shows. The covariance that
-it would leave is therefore the mean over displacements that the calibration prior allows.
+Since the camera is miscalibrated, a scan does not meet exactly what its perimeter shows. The covariance after the scan
+is therefore averaged over the displacements that the calibration prior allows.
 """
 
 from __future__ import annotations
@@ -21,20 +21,21 @@ from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.proposals.displaced import mean_square
-from pretouch_detector.proposals.paths import paths
+from pretouch_detector.proposals.paths import perimeter_paths
 from pretouch_detector.proposals.relief import Relief, relief
 
 _HEIGHT_STD = 0.002
-"""m: of what the camera saw, along the normal; and across it:"""
+"""m: standard deviation of the camera's points along the surface normal."""
 _PLACE_STD = 0.006
+"""m: the same across the normal."""
 _SMOOTHING = 0.0075
-"""m: slopes are taken over about so much."""
+"""m: the length over which slopes are computed."""
 _STEEP = 0.3
-"""Slope from which on a beam that may miss still tells where the object ends."""
+"""Slope above which a beam counts although it may miss: it still tells where the object ends."""
 _BEAMS = 30
-"""Beams of a candidate that are looked at, evenly along its path."""
+"""Beams that are evaluated for each candidate, evenly along its path."""
 _INDEPENDENT, _INDEPENDENT_LENGTH, _INDEPENDENT_POWER = 12.0, 0.2, 0.3
-"""Beams that a path of 0.2 m is worth, and how that grows with its length: neighbours share the camera's error."""
+"""Independent beams on a path of 0.2 m, and how their number grows with the length: neighbours share errors."""
 _NEAR_OBJECT = 0.015
 """m from the object, over the ground, beyond which nothing is scanned."""
 _CLEARANCE, _CLEARED = 0.055, 0.03
@@ -59,7 +60,7 @@ def remaining_error(scene: Scene, sensor: Sensor, rectangles: Array, prior: Prio
     prior = prior or Prior()
     seen = relief(scene)
     boxes = np.ascontiguousarray(rectangles, dtype=np.float64)
-    ways, lengths = paths(
+    ways, lengths = perimeter_paths(
         boxes, seen.places, seen.first, seen.step, seen.away, seen.corner, seen.cell, _NEAR_OBJECT, _BEAMS
     )
     independent = _INDEPENDENT * (lengths / _INDEPENDENT_LENGTH) ** _INDEPENDENT_POWER / _BEAMS
@@ -82,9 +83,9 @@ def _lever(spread: Array) -> Array:
 
 
 def _rows(seen: Relief, sensor: Sensor) -> Array:
-    """(nx, ny, 6): what a beam over each cell tells, in units of its noise, of a pose about the centroid, table axes.
+    """(nx, ny, 6): the Jacobian of a beam over each cell by a pose about the centroid, in units of its noise.
 
-    Nothing where the camera saw neither object nor table.
+    Table axes; zero where the camera saw neither object nor table.
     """
     cleared = 2 * int(np.ceil(_CLEARED / seen.cell)) + 1
     deepest = ndimage.maximum_filter(seen.height, size=cleared) + _CLEARANCE - sensor.range_max
@@ -93,9 +94,9 @@ def _rows(seen: Relief, sensor: Sensor) -> Array:
     squared = slope_x**2 + slope_y**2
     spot = 0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle) / 2
     variance = _HEIGHT_STD**2 + sensor.range_std**2 + (_PLACE_STD**2 + spot**2) * squared
-    tells = seen.known & ((seen.height >= deepest) | (squared > _STEEP**2))
+    informative = seen.known & ((seen.height >= deepest) | (squared > _STEEP**2))
     x, y = (seen.corner[k] + seen.cell * np.arange(n) for k, n in enumerate(seen.height.shape))
     normal = np.stack([-slope_x, -slope_y, np.ones_like(reached)], axis=-1)
     arm = np.stack([*np.broadcast_arrays(x[:, None], y[None, :]), reached - seen.centre_height], axis=-1)
     rows = np.concatenate([np.cross(arm, normal), normal], axis=-1)
-    return np.asarray(rows * np.where(tells, variance**-0.5, 0.0)[..., None], dtype=np.float64)
+    return np.asarray(rows * np.where(informative, variance**-0.5, 0.0)[..., None], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Where beams along rectangles' perimeters go over the ground: a compiled part of `information`."""
+"""The paths of beams along rectangles' perimeters, over the ground: a compiled part of `information`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from numba import njit
 from pretouch.geometry import Array
 
 _STEPS = 120
-"""Pixels of a perimeter that are looked at, evenly."""
+"""Pixels that are sampled evenly along a perimeter."""
 
 
 @njit(cache=True, nogil=True)
-def paths(
+def perimeter_paths(
     rectangles: Array, places: Array, first: tuple[int, int], step: int, away: Array, corner: Array, cell: float,
     reach: float, beams: int,
 ) -> tuple[Array, Array]:  # fmt: skip

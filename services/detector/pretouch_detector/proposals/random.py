@@ -7,39 +7,38 @@ from numpy.typing import NDArray
 
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.overlap import common_areas
-from pretouch_detector.proposals.region import ProposedRegion
 
 MIN_OVERLAP = 0.15
 """Least intersection over union with the object's bounding rectangle (Lancaster et al. 2017, Algorithm 1)."""
 AREA = (0.10, 0.50)
 """Share of the bounding rectangle's area (likewise)."""
 LOG_ASPECT = 1.2
-"""Sides' ratios are log-uniform up to exp(1.2) = 3.3 either way; the paper does not say."""
+"""The sides' ratio is log-uniform up to exp(1.2) = 3.3 either way; the paper does not specify it."""
 _BATCH, _MAX_BATCHES = 512, 100
-"""Of objects up to 15 : 1 every sixth rectangle is good, beyond 45 : 1 none is."""
+"""For objects up to 15 : 1 one rectangle in six is accepted, beyond 45 : 1 none."""
 
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
     """`count` candidates; all have the same confidence."""
-    return [ProposedRegion(rectangle, 0.5) for rectangle in candidates(scene, count, rng)]
+    return [ProposedRegion(rectangle, 0.5) for rectangle in draw_candidates(scene, count, rng)]
 
 
-def candidates(scene: Scene, count: int, rng: np.random.Generator) -> list[RotatedRectangle]:
-    """Rectangles as `drawn`, which see."""
-    return [RotatedRectangle(*row) for row in drawn(scene, count, rng)]
+def draw_candidates(scene: Scene, count: int, rng: np.random.Generator) -> list[RotatedRectangle]:
+    """As `draw_rectangles`, as rectangle objects."""
+    return [RotatedRectangle(*row) for row in draw_rectangles(scene, count, rng)]
 
 
-def drawn(scene: Scene, count: int, rng: np.random.Generator) -> Array:
+def draw_rectangles(scene: Scene, count: int, rng: np.random.Generator) -> Array:
     """(count, 5) as [x, y, w, h, theta]: centre uniform in the bounding rectangle, area and overlap as above.
 
-    About a very slim object few rectangles are good, so that there may be fewer.
+    Few rectangles fit a very slim object, so that there may be fewer than `count`.
 
     Raises:
-        InvalidInput: none was found to be good.
+        InvalidInput: no rectangle was accepted.
     """
     low, high = _bounding(scene)
     area = float(np.prod(high - low))

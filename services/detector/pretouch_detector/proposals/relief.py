@@ -18,7 +18,7 @@ _CELL = 0.003
 _MAX_CELLS = 160
 """Along one side; a larger object gets larger cells."""
 _MOST_PIXELS = 100_000
-"""Of a larger view every second pixel is used in each direction, or every third, and so on."""
+"""A larger view is subsampled: every second pixel in each direction, or every third, and so on."""
 _TABLE_BAND = 0.015
 """m from the table's plane within which a pixel beside the object shows the table."""
 _CLOSING = 2

@@ -1,4 +1,4 @@
-"""Views changed in ways that leave a rectangle's error as it is, and its place with them."""
+"""Augmentation: views changed in ways that leave each rectangle's error as it is."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _EDGE_DROPOUT = 0.3
 """Up to this share of the pixels at the object's outline lose their depth."""
 
 
-def augmented(targets: Targets, rng: np.random.Generator) -> Targets:
+def augment(targets: Targets, rng: np.random.Generator) -> Targets:
     """The view mirrored, rolled about the optical axis, nearer or further, with more noise and holes.
 
-    A mirrored world is as good as the world; heights and places do not depend on the camera's roll or on how large the
-    square is taken.
+    A mirrored world is as plausible as the original; heights and places depend neither on the camera's roll nor on the
+    size of the square.
     """
     mirror = rng.random() < 0.5
     turn, zoom = rng.uniform(-_ROLL, _ROLL), np.exp(rng.uniform(-_ZOOM, _ZOOM))
     shift = rng.uniform(-0.1, 0.1, 2)
-    image = _noisy(_moved(targets.image, turn, zoom, shift), rng)
+    image = _add_noise(_warp(targets.image, turn, zoom, shift), rng)
     x, y, w, h, theta = targets.rectangles.astype(np.float64).T
     cos, sin = np.cos(turn), np.sin(turn)
     x, y = zoom * (cos * x - sin * y) + shift[0], zoom * (sin * x + cos * y) + shift[1]
@@ -41,7 +41,7 @@ def augmented(targets: Targets, rng: np.random.Generator) -> Targets:
     return Targets(image, rectangles, targets.analytic, targets.errors)
 
 
-def _moved(image: Floats, turn: float, zoom: float, shift: np.ndarray) -> Floats:
+def _warp(image: Floats, turn: float, zoom: float, shift: np.ndarray) -> Floats:
     """The image with each point p at zoom R(turn) p + shift, in the square's units; nearest pixels keep edges sharp."""
     steps = (np.arange(SIZE) + 0.5) / SIZE * 2.0 - 1.0
     x, y = steps[None] - shift[0], steps[:, None] - shift[1]
@@ -54,7 +54,7 @@ def _moved(image: Floats, turn: float, zoom: float, shift: np.ndarray) -> Floats
     return np.asarray(moved, dtype=np.float32)
 
 
-def _noisy(image: Floats, rng: np.random.Generator) -> Floats:
+def _add_noise(image: Floats, rng: np.random.Generator) -> Floats:
     seen, on = image[_SEEN] > 0, image[_OBJECT] > 0
     rim = on & ~ndimage.binary_erosion(on, iterations=2)
     lost = rim & (rng.random(on.shape) < rng.uniform(0.0, _EDGE_DROPOUT))

@@ -15,7 +15,7 @@ from pretouch.errors import InvalidInput
 from pretouch_detector.model.scorer import Scorer
 from pretouch_detector.training.curves import draw
 from pretouch_detector.training.export import export_scorer, restore
-from pretouch_detector.training.processes import processes
+from pretouch_detector.training.processes import join_processes
 from pretouch_detector.training.targets import load
 from pretouch_detector.training.trainer import Schedule, Trainer
 
@@ -45,7 +45,7 @@ def train(
     network = Scorer()
     if start is not None:
         restore(network, start)
-    with processes(place) as among:
+    with join_processes(place) as among:
         trainer = Trainer(network, schedule, out, place, among)
         views, validation = load(dataset, "train"), load(dataset, "validation")
         try:
@@ -58,7 +58,7 @@ def train(
     facts = {
         "command": shlex.join(["pretouch", *sys.argv[1:]]),
         "views": {"train": len(views), "validation": len(validation)},
-        "validation": trainer.judged(validation),
+        "validation": trainer.evaluate(validation),
     }
     export_scorer(out / "weights.safetensors", out, facts)
     console.print(f"The weights are {out}/scorer.onnx and .safetensors; the curves are {draw(out)}.")

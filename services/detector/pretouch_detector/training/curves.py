@@ -1,4 +1,4 @@
-"""How a training went, as a picture."""
+"""The curves of a training, as a picture."""
 
 from __future__ import annotations
 

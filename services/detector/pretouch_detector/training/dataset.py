@@ -4,7 +4,7 @@
     train/<name>.npz        a view and its labels, one file each
     validation/<name>.npz
 
-A file is written whole or not at all, so that a killed run goes on where it was. LABELS.md beside the detector's README
+A file is written whole or not at all, so that a killed run can be resumed. LABELS.md beside the detector's README
 documents the arrays.
 """
 
@@ -37,12 +37,12 @@ _DAMAGED = (
     AttributeError, EOFError, KeyError, IndexError, MemoryError, NotImplementedError, OSError, RuntimeError, TypeError,
     ValueError, struct.error, zipfile.BadZipFile, zlib.error, PretouchError,
 )  # fmt: skip
-"""What numpy, zipfile and json raise on files that are cut short or changed."""
+"""What numpy, zipfile and json raise on truncated or altered files."""
 
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """One view and what was learned of its rectangles.
+    """One view and the labels of its rectangles.
 
     Attributes:
         name: of the view, unique in its dataset.
@@ -52,7 +52,8 @@ class Example:
         rectangles: (r, 5) as [x, y, w, h, theta], in the scene's pixels.
         scores: (r, t), m: each rectangle's error in each trial; NaN where the trial was not made.
         expected: (r, t), m: what the engine expected of its error once the trial was made; NaN where it does not say.
-        foreseen: (r,), m: what the registrar foretold before any trial; NaN where it was not asked.
+        predicted: (r,), m: what the registrar predicted before any trial; NaN without a prediction. Files call it
+            `foreseen`.
         provenance: where the view comes from and how it was made.
     """
 
@@ -63,27 +64,27 @@ class Example:
     rectangles: Array
     scores: Array
     expected: Array
-    foreseen: Array
+    predicted: Array
     provenance: dict[str, Any]
 
     def __post_init__(self) -> None:
         rectangles = frozen_array(self.rectangles, (None, 5), "rectangles")
         scores, expected = np.asarray(self.scores, dtype=np.float64), np.asarray(self.expected, dtype=np.float64)
-        foreseen = np.asarray(self.foreseen, dtype=np.float64)
-        shapes = {"scores": scores.shape, "expected": expected.shape, "foreseen": foreseen.shape}
+        predicted = np.asarray(self.predicted, dtype=np.float64)
+        shapes = {"scores": scores.shape, "expected": expected.shape, "predicted": predicted.shape}
         r = len(rectangles)
-        if scores.ndim != 2 or shapes != {"scores": scores.shape, "expected": (r, scores.shape[1]), "foreseen": (r,)}:
+        if scores.ndim != 2 or shapes != {"scores": scores.shape, "expected": (r, scores.shape[1]), "predicted": (r,)}:
             raise InvalidInput(f"{r} rectangles come with {shapes}.", "Give (r, t), (r, t) and (r,) numbers.")
         object.__setattr__(self, "rectangles", rectangles)
         object.__setattr__(self, "scores", scores)
         object.__setattr__(self, "expected", expected)
-        object.__setattr__(self, "foreseen", foreseen)
+        object.__setattr__(self, "predicted", predicted)
 
     def achieved(self, worst: bool) -> Array:
         """(r,), m: each rectangle's error over its trials, NaN where none was made.
 
         Args:
-            worst: it is as good as its worst trial, as in the paper; else as its trials' mean.
+            worst: take the worst trial, as in the paper, instead of the mean of the trials.
         """
         found = np.full(len(self.rectangles), np.nan)
         made = ~np.isnan(self.scores).all(axis=1)
@@ -124,7 +125,7 @@ class Dataset:
 
     @classmethod
     def create(cls, folder: Path, description: dict[str, Any]) -> Dataset:
-        """A new dataset, or the one that was begun there by the same description but for `command`.
+        """Creates a dataset, or opens the one in the folder if its description is the same, apart from `command`.
 
         Raises:
             Conflict: the folder holds a dataset that was made otherwise.
@@ -148,7 +149,7 @@ class Dataset:
 
     @property
     def by_worst(self) -> bool:
-        """Whether a rectangle is as good as its worst trial: so it is where the labels are the paper's."""
+        """Whether a rectangle is scored by its worst trial instead of the mean, which holds for the paper's labels."""
         return bool(self.description.get("recipe", {}).get("kind") == "trials")
 
     def path(self, side: str, name: str) -> Path:
@@ -186,7 +187,7 @@ def write(path: Path, example: Example) -> None:
             rectangles=example.rectangles.astype(np.float32),
             scores=example.scores.astype(np.float32),
             expected=example.expected.astype(np.float32),
-            foreseen=example.foreseen.astype(np.float32),
+            foreseen=example.predicted.astype(np.float32),
             about=np.frombuffer(json.dumps(about).encode(), dtype=np.uint8),
         )
     draft.replace(path)

@@ -1,4 +1,4 @@
-"""Trained weights as what is served: ONNX for onnxruntime, safetensors for torch, and a page of facts."""
+"""Exports trained weights: ONNX for onnxruntime, safetensors for torch, and a description in JSON."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OPSET = 17
 
 
 class Served(nn.Module):
-    """The scorer as served: one image, and of the outputs the first two."""
+    """The scorer as it is served: for one image, with its first two outputs."""
 
     def __init__(self, scorer: Scorer) -> None:
         super().__init__()
@@ -42,7 +42,7 @@ def restore(model: nn.Module, weights: Path) -> None:
         raise NotFound(f"There are no weights {weights}.", "Give what `pretouch train` wrote.")
     try:
         model.load_state_dict(load_file(weights))
-    except Exception as error:  # safetensors and torch raise many kinds
+    except Exception as error:  # safetensors and torch raise many kinds of error
         raise Malformed(f"{weights} does not fit: {error}", "Give what `pretouch train` wrote.") from error
 
 
@@ -65,5 +65,5 @@ def export_scorer(weights: Path, folder: Path, facts: dict[str, Any]) -> None:
         opset_version=OPSET,
         dynamo=False,
     )
-    told = {"format": FORMAT, "channels": list(CHANNELS), "size": SIZE, **facts}
-    (folder / "scorer.json").write_text(json.dumps(told, indent=1) + "\n")
+    description = {"format": FORMAT, "channels": list(CHANNELS), "size": SIZE, **facts}
+    (folder / "scorer.json").write_text(json.dumps(description, indent=1) + "\n")

@@ -1,4 +1,4 @@
-"""The processes that teach one network together, as torchrun starts them; alone, there is one."""
+"""The processes that train one network together, as torchrun starts them; without torchrun there is one."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-# Before any group exists: its functions keep the group of the moment as their default, and a group that is kept
-# has threads that end with the interpreter, in a race that the process may lose (SIGABRT).
+# Imported before any process group exists: its functions keep the group that exists at import as a default argument,
+# and the threads of a group that is kept alive may crash the interpreter as it exits (SIGABRT).
 import torch.distributed.nn
 from torch import distributed, nn
 
@@ -21,7 +21,7 @@ class Processes:
     world: int
 
     def share_gradients(self, model: nn.Module) -> None:
-        """The mean over all processes; a loss may call a model's parts by themselves, which DDP would not see."""
+        """Averages the gradients over all processes; DDP would miss parts of the model that the loss calls directly."""
         if self.world == 1:
             return
         for parameter in model.parameters():
@@ -35,10 +35,10 @@ ALONE = Processes(0, 1)
 
 
 @contextmanager
-def processes(device: torch.device) -> Iterator[Processes]:
-    """All of them, as the environment tells, joined until the block ends well; with CUDA each takes a GPU of its own.
+def join_processes(device: torch.device) -> Iterator[Processes]:
+    """The process group that the environment describes, left as the block ends; with CUDA each process has its own GPU.
 
-    A block that fails leaves the others alone: parting waits for all, and torchrun ends them.
+    A block that fails does not leave the group, which would wait for all processes: torchrun ends them.
     """
     rank, world = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
     if world == 1:

@@ -1,4 +1,4 @@
-"""What the network is taught by."""
+"""The loss of the network."""
 
 from __future__ import annotations
 
@@ -6,30 +6,30 @@ import torch
 from torch import Tensor, nn
 
 from pretouch_detector.training.batch import Batch
-from pretouch_detector.training.targets import ACHIEVED, EXPECTED, FORESEEN
+from pretouch_detector.training.targets import ACHIEVED, EXPECTED, PREDICTED
 
 _SHARPNESS = 3.0
-"""Of the two helping terms: an error of a third in a prediction costs about as much as the achieved error's noise."""
+"""Weight of the two auxiliary terms: a relative error of a third costs as much as the noise of the achieved error."""
 
 
 def scorer_loss(model: nn.Module, batch: Batch) -> dict[str, Tensor]:
     """Terms of the loss of a `Scorer`, by name.
 
-    `achieved` is the negative log likelihood of an exponential distribution, which has the mean error, and nothing else
-    of its noisy distribution, as its optimum. `spread` is that of the logarithm's standard deviation. `expected` and
-    `foreseen` are squares of the logarithms' differences.
+    `achieved` is the negative log likelihood of an exponential distribution, whose optimum depends on the mean error
+    alone. `spread` is that of a normal distribution of the error's logarithm. `expected` and `foreseen` (the
+    registrar's prediction) are squared differences of logarithms.
     """
     out = model(batch.image, batch.rectangles, batch.analytic)
     achieved, known = _known(batch.errors[..., ACHIEVED])
     mean = out[..., 0]
-    expected, told = _known(batch.errors[..., EXPECTED])
-    foreseen, asked = _known(batch.errors[..., FORESEEN])
+    expected, has_expected = _known(batch.errors[..., EXPECTED])
+    predicted, has_predicted = _known(batch.errors[..., PREDICTED])
     apart = torch.log(achieved) - mean.detach()
     return {
         "achieved": _mean(mean + achieved * torch.exp(-mean), known),
         "spread": 0.2 * _mean(out[..., 1] + 0.5 * apart**2 * torch.exp(-2.0 * out[..., 1]), known),
-        "expected": _SHARPNESS * _mean((torch.log(expected) - out[..., 2]) ** 2, told),
-        "foreseen": _SHARPNESS * _mean((torch.log(foreseen) - out[..., 3]) ** 2, asked),
+        "expected": _SHARPNESS * _mean((torch.log(expected) - out[..., 2]) ** 2, has_expected),
+        "foreseen": _SHARPNESS * _mean((torch.log(predicted) - out[..., 3]) ** 2, has_predicted),
     }
 
 

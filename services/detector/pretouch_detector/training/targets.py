@@ -1,4 +1,4 @@
-"""What the network learns of a labelled view: its image, rectangles, and what is known of each rectangle's error."""
+"""A labelled view as the network's training data: image, rectangles, and the errors known of each rectangle."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.training.dataset import Dataset, Example
 
 Floats = NDArray[np.float32]
-ACHIEVED, EXPECTED, FORESEEN = range(3)
+ACHIEVED, EXPECTED, PREDICTED = range(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """A labelled view, ready to be learned.
+    """A labelled view, ready for training.
 
     Attributes:
         image: (C, S, S), see `encoding`.
         rectangles: (r, 5), as `Encoding.normalised`.
-        analytic: (r,), m: what the perimeter tells by itself, see `proposals.information`.
-        errors: (r, 3), m: ACHIEVED, the mean over the trials, or of the paper's trials the worst; EXPECTED by the
-            engine after them; FORESEEN before them. NaN where unknown.
+        analytic: (r,), m: as proposer `stability` computes it, see `proposals.information`.
+        errors: (r, 3), m: ACHIEVED, the mean over the trials, or the worst of the paper's trials; EXPECTED by the
+            engine after them; PREDICTED by the registrar before them. NaN where unknown.
     """
 
     image: Floats
@@ -40,13 +40,13 @@ def targets_of(example: Example, worst: bool) -> Targets:
     """Of one view.
 
     Args:
-        worst: a rectangle is as good as its worst trial, as in the paper; else as its trials' mean.
+        worst: take a rectangle's worst trial, as in the paper, instead of the mean of its trials.
     """
     encoding = encode(example.scene)
     expected = np.full(len(example.rectangles), np.nan)
-    told = ~np.isnan(example.expected).all(axis=1)
-    expected[told] = np.nanmean(example.expected[told], axis=1)
-    errors = np.column_stack([example.achieved(worst), expected, example.foreseen]).astype(np.float32)
+    answered = ~np.isnan(example.expected).all(axis=1)
+    expected[answered] = np.nanmean(example.expected[answered], axis=1)
+    errors = np.column_stack([example.achieved(worst), expected, example.predicted]).astype(np.float32)
     analytic, _ = remaining_error(example.scene, example.sensor, example.rectangles)
     return Targets(encoding.image, encoding.normalised(example.rectangles), analytic.astype(np.float32), errors)
 

@@ -1,8 +1,8 @@
-"""The training loop: on a processor, on one GPU, or on many by torchrun; it goes on after it was stopped.
+"""The training loop: on a processor, on one GPU, or on many by torchrun; it can be stopped and resumed.
 
-run/checkpoint.pt    all that is needed to go on, written after each epoch
-run/log.json         the terms of the loss and the rank correlations, an entry an epoch
-run/weights.safetensors   the weights' running average, which is what is used
+run/checkpoint.pt    all that is needed to resume, written after each epoch
+run/log.json         the terms of the loss, an entry an epoch
+run/weights.safetensors   the weights' running average, which is what is exported
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from torch import nn
 
 from pretouch.errors import Conflict
 from pretouch_detector.model.scorer import Scorer
-from pretouch_detector.training.augment import augmented
+from pretouch_detector.training.augment import augment
 from pretouch_detector.training.batch import batch_of
 from pretouch_detector.training.processes import ALONE, Processes
 from pretouch_detector.training.scorer_loss import scorer_loss
@@ -50,7 +50,7 @@ class Schedule:
 
 
 class Trainer:
-    """Teaches `model` and keeps its state in the folder `run`.
+    """Trains `model` and keeps its state in the folder `run`.
 
     Raises:
         Conflict: the folder holds a run with another schedule.
@@ -75,18 +75,18 @@ class Trainer:
         self._resume()
 
     def train(self, views: Sequence[Targets], validation: Sequence[Targets]) -> None:
-        """All epochs that are left; each ends with a checkpoint."""
+        """Runs the remaining epochs; each ends with a checkpoint."""
         steps = max(1, len(views) // (self.schedule.batch * self.among.world))
         for epoch in range(len(self.log), self.schedule.epochs):
-            entry = self._epoch(views, epoch, steps)
-            entry |= {f"validation {name}": value for name, value in self.judged(validation).items()}
+            entry = self._train_epoch(views, epoch, steps)
+            entry |= {f"validation {name}": value for name, value in self.evaluate(validation).items()}
             self.log.append(entry)
             if self.among.rank == 0:
                 self._save()
 
     @torch.no_grad()
-    def judged(self, views: Sequence[Targets]) -> dict[str, float]:
-        """The terms of the loss on views as they are, by the averaged weights."""
+    def evaluate(self, views: Sequence[Targets]) -> dict[str, float]:
+        """The terms of the loss on views without augmentation, by the averaged weights."""
         self.averaged.eval()
         rng = np.random.default_rng(0)
         size = self.schedule.batch
@@ -96,7 +96,7 @@ class Trainer:
         ]
         return {name: float(np.mean([float(each[name]) for each in terms])) for name in terms[0]}
 
-    def _epoch(self, views: Sequence[Targets], epoch: int, steps: int) -> dict[str, float]:
+    def _train_epoch(self, views: Sequence[Targets], epoch: int, steps: int) -> dict[str, float]:
         self.model.train()
         size = self.schedule.batch
         order = np.random.default_rng((self.schedule.seed, epoch)).permutation(len(views))
@@ -107,7 +107,7 @@ class Trainer:
         title = f"epoch {epoch + 1} of {self.schedule.epochs}"
         for step in track(range(steps), title, console=console, disable=self.among.rank > 0, transient=True):
             first = (step * self.among.world + self.among.rank) * size
-            chosen = [augmented(views[k], rng) for k in order[first : first + size]]
+            chosen = [augment(views[k], rng) for k in order[first : first + size]]
             self._set_rate((epoch * steps + step) / (self.schedule.epochs * steps))
             terms = scorer_loss(self.model, batch_of(chosen, self.schedule.rectangles, rng, self.device))
             self.optimiser.zero_grad(set_to_none=True)

@@ -15,7 +15,7 @@ from pretouch_registrar.engines.label_trials import Matching, Trials, View, best
 
 from pretouch.geometry import Array, rotation_from_vector, vector_from_rotation
 from pretouch.scene import Scene
-from pretouch_detector.proposals.random import candidates
+from pretouch_detector.proposals.random import draw_candidates
 
 TRANSLATION = 0.02
 ROTATION = float(np.radians(5.0))
@@ -24,12 +24,12 @@ NOISE = 0.0015
 
 @dataclass(frozen=True)
 class Settings:
-    """How an image is labelled; the paper's numbers unless said otherwise.
+    """How an image is labelled; the defaults are the paper's unless said otherwise.
 
     Attributes:
         rectangles, trials: n_R and n_trials.
         matching: by which engine's kernel.
-        best_only: only the winner's score is wanted: the others' trials end as soon as they cannot win.
+        best_only: compute only the winner's score: other rectangles' trials end as soon as they cannot win.
         near: px, how far from the perimeter the target's points may lie; the paper says "near or on".
     """
 
@@ -40,16 +40,16 @@ class Settings:
     near: float = 6.0
 
 
-def label(
+def label_scene(
     scene: Scene, settings: Settings, rng: np.random.Generator, threads: int | None = None
 ) -> tuple[Array, Array]:
     """Rectangles (r, 5) and their scores (r, t), m; if `best_only`, the winner's scores alone, NaN elsewhere.
 
     Args:
-        threads: None: one for each processor. The scores do not depend on it.
+        threads: None for one per processor. The scores do not depend on it.
     """
-    rectangles = np.array([r.as_list() for r in candidates(scene, settings.rectangles, rng)])
-    moves = offsets(settings.trials, rng)
+    rectangles = np.array([r.as_list() for r in draw_candidates(scene, settings.rectangles, rng)])
+    moves = draw_offsets(settings.trials, rng)
     trials = Trials(settings.matching, NOISE, near=settings.near, seed=int(rng.integers(2**31)))
     view = view_of(scene, settings.matching)
     if not settings.best_only:
@@ -60,7 +60,7 @@ def label(
     return rectangles, found
 
 
-def offsets(count: int, rng: np.random.Generator) -> Array:
+def draw_offsets(count: int, rng: np.random.Generator) -> Array:
     """(count, 6), rotation vector and translation, rad and m: roll, pitch, yaw and shift uniform, camera axes."""
     angles = rng.uniform(-ROTATION, ROTATION, (count, 3))
     shifts = rng.uniform(-TRANSLATION, TRANSLATION, (count, 3))

@@ -10,26 +10,26 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch.camera import Camera, DepthImage
+from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.proposals.narf.features import features
 from pretouch_detector.proposals.narf.rectangles import region
-from pretouch_detector.proposals.region import ProposedRegion
 
 SUPPORT = 0.05
-"""m: how large a keypoint's surroundings are. The paper does not say; at this size half of the objects that stand on a
+"""m: the support size of a keypoint. The paper does not specify it; at this size half of the objects that stand on a
 table have ten keypoints, and the paper scans the ten best regions."""
 _PITCH = 0.0015
 """m between neighbouring pixels on the object, that of a Kinect at 0.8 m: of a finer image every second pixel is taken
 in each direction, or every third, and so on, as PCL does for a wanted resolution."""
 _MOST_PIXELS = 100_000
-"""Of an object; of a larger one likewise."""
+"""Pixels on an object; a larger one is subsampled likewise."""
 _SETTLED_PX = 12
 """px around what a keypoint's surroundings cover, so that cropping the image does not change it."""
 
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:
-    """Up to `count` regions, one for each keypoint and so often fewer; nothing in them is left to chance."""
+    """Up to `count` regions, one for each keypoint, often fewer; the result does not depend on `rng`."""
     depths, focal_length = scene.depth.metres[scene.mask], min(scene.camera.fx, scene.camera.fy)
     near, middle = (float(np.percentile(depths, q)) for q in (1, 50))
     step = max(1, int(_PITCH * focal_length / near), int(np.ceil(np.sqrt(depths.size / _MOST_PIXELS))))

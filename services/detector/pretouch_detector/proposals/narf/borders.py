@@ -33,7 +33,7 @@ class Borders(NamedTuple):
 
     Attributes:
         first_scores: (4, h, w) in (-1, 1) by side: how much further (positive) or nearer the next pixels are.
-        scores: the same, after neighbours have supported each other and a border without a shadow has been set to 0.
+        scores: the same, after support by neighbouring pixels, and 0 for a border without a shadow.
         obstacle: (4, h, w) whether the pixel is an obstacle border towards the side.
         shadow, veil: (h, w) whether the pixel is a shadow border, a veil point.
     """

@@ -1,4 +1,4 @@
-"""How much the surface changes at a pixel, and which way: across a border where there is one, else as it bends most."""
+"""Score and direction of the surface change at a pixel: across a border, elsewhere along the largest curvature."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pretouch_detector.proposals.narf.surface import Surface
 _BORDER_RADIUS = 2
 """px: borders around whose directions are averaged."""
 _BEND_RADIUS = 2
-"""px: how far the normals around are looked at, along eight rays, besides the pixel's own."""
+"""px: how far along eight rays the surrounding normals are compared with the pixel's own."""
 _WIDEST_TURN = np.cos(np.float32(120.0) * np.float32(0.017453293), dtype=np.float32)
 _SAME_SURFACE = np.float32(0.95) * MIN_PROBABILITY
 _ZERO, _ONE = np.float32(0), np.float32(1)

@@ -17,9 +17,9 @@ BINS = 18
 """Bins of the histogram of directions over half a turn."""
 LEAST_CHANGE = np.float32(0.2)
 _STABLE_DISTANCE = np.float32(0.25)
-"""Of half the support size: a surface change nearer than this makes a point unstable."""
+"""As a share of half the support size: a surface change nearer than this makes a point unstable."""
 ALWAYS_PX, FULL_PX = 2, 1
-"""Pixels this near belong to the pixel's surroundings however far away; and count with all of their score."""
+"""px; pixels this near belong to a pixel's surroundings whatever their depth, and count with their full score."""
 _NEVER = np.iinfo(np.int32).max
 _ZERO, _ONE, _TWO, _HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
 _PI, _DEGREE = np.float32(np.pi), np.float32(0.017453293)

@@ -1,4 +1,4 @@
-"""The pixels that stand out: maxima of the interest image that keep their distance."""
+"""Keypoints: maxima of the interest image with a least distance between them (non-maximum suppression)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pretouch_detector.proposals.narf.range_image import Floats
 
 MIN_INTEREST = np.float32(0.45)
 _APART = np.float32(0.25)
-"""Of the support size: keypoints are at least so far from each other."""
+"""The least distance between keypoints, as a share of the support size."""
 
 
 def keypoints(interest: Floats, points: Floats, support: float) -> NDArray[np.int64]:

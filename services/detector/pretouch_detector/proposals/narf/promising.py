@@ -1,7 +1,7 @@
-"""Which pixels can be of interest at all: a cheap look that rules most of them out.
+"""An inexpensive test that excludes most pixels before their interest is computed.
 
-Whether a pixel's surroundings hang together takes a search. Without it all pixels within reach count, so that what they
-come to bounds the interest from above; and only those on which the surface changes need a look, a small part of them.
+The interest of a pixel counts only pixels connected to it, which takes a search to find. Counting all pixels within
+reach instead gives an upper bound, for which only pixels where the surface changes, a small part, need to be visited.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _ROUNDING = np.float32(1e-5)
 def promising(
     image: RangeImage, change: Change, hidden: NDArray[np.bool_], where: NDArray[np.bool_], support: float, least: float
 ) -> NDArray[np.bool_]:
-    """(h, w): of the pixels `where` (h, w), all whose interest is `least` or more, and few others."""
+    """(h, w): a superset of the pixels `where` (h, w) whose interest is at least `least`, with few others."""
     usable = np.isfinite(image.ranges) & ~hidden
     strong = usable & (change.scores >= LEAST_CHANGE)
     columns = np.nonzero(strong)[1].astype(np.int32)

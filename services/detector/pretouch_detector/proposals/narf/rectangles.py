@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.camera import Camera
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch_detector.proposals.narf.range_image import Floats
-from pretouch_detector.proposals.region import ProposedRegion
 
 _LONGEST = 3.3
 """The longer side over the shorter one is at most this, as in proposer `random`; the paper does not say."""

@@ -1,4 +1,4 @@
-"""Regions that differ: of two that overlap much only the better is kept."""
+"""Non-maximum suppression: of two regions that overlap much only the better is kept."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from pretouch.geometry import Array
-from pretouch_detector.overlap import share
+from pretouch_detector.overlap import intersection_over_union
 
 MAX_OVERLAP = 0.6
-"""Intersection over union of two regions, exact, above which only the better is proposed."""
+"""Exact intersection over union of two regions above which only the better is proposed."""
 
 
-def spread(ranked: ArrayLike, count: int) -> list[int]:
+def suppress_overlapping(ranked: ArrayLike, count: int) -> list[int]:
     """Which of the rectangles are kept: the best, then each that overlaps no better one by more than MAX_OVERLAP.
 
     Args:
         ranked: (n, 5) as [x, y, w, h, theta], the best first.
-        count: as many at most.
+        count: the largest number to keep.
 
     Returns:
         Their indices, the best first.
     """
-    kept: list[int] = _kept(np.ascontiguousarray(ranked, dtype=np.float64).reshape(-1, 5), count).tolist()
+    kept: list[int] = _suppress(np.ascontiguousarray(ranked, dtype=np.float64).reshape(-1, 5), count).tolist()
     return kept
 
 
 @njit(cache=True, nogil=True)
-def _kept(ranked: Array, count: int) -> NDArray[np.int64]:
+def _suppress(ranked: Array, count: int) -> NDArray[np.int64]:
     kept = np.empty(min(count, len(ranked)), np.int64)
     number = 0
     for k in range(len(ranked)):
@@ -36,7 +36,7 @@ def _kept(ranked: Array, count: int) -> NDArray[np.int64]:
             break
         differs = True
         for j in range(number):
-            if share(ranked[k], ranked[kept[j]]) > MAX_OVERLAP:
+            if intersection_over_union(ranked[k], ranked[kept[j]]) > MAX_OVERLAP:
                 differs = False
                 break
         if differs:

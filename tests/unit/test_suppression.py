@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from pretouch_detector.spread import MAX_OVERLAP, spread
+from pretouch_detector.suppression import MAX_OVERLAP, suppress_overlapping
 from rotated_shapes import drawn, several, shapely_overlap
 
 
@@ -23,7 +23,7 @@ def test_the_same_as_one_by_one(seed: int, count: int, room: float) -> None:
     rng = np.random.default_rng(seed)
     low, high = (0, 0, 10, 10, -np.pi / 2), (room, room, 25, 25, np.pi / 2)
     ranked = rng.uniform(low, high, (30, 5))
-    assert spread(ranked, count) == by_definition(shapely_overlap(ranked, ranked), count)
+    assert suppress_overlapping(ranked, count) == by_definition(shapely_overlap(ranked, ranked), count)
 
 
 @settings(max_examples=60)
@@ -31,31 +31,31 @@ def test_the_same_as_one_by_one(seed: int, count: int, room: float) -> None:
 def test_as_defined(rectangles: np.ndarray) -> None:
     shared = shapely_overlap(rectangles, rectangles)
     assume((np.abs(shared - MAX_OVERLAP) > 1e-9).all())  # shapely and the formula round differently
-    assert spread(rectangles, len(rectangles)) == by_definition(shared, len(shared))
+    assert suppress_overlapping(rectangles, len(rectangles)) == by_definition(shared, len(shared))
 
 
 def test_as_defined_on_many() -> None:
     rectangles = drawn(np.random.default_rng(3), 200)
     expected = by_definition(shapely_overlap(rectangles, rectangles), 200)
     assert 1 < len(expected) < 200
-    assert spread(rectangles, 200) == expected
-    assert spread(rectangles, 5) == expected[:5]
+    assert suppress_overlapping(rectangles, 200) == expected
+    assert suppress_overlapping(rectangles, 5) == expected[:5]
 
 
 def test_of_equal_ones_the_first_stays() -> None:
-    assert spread(np.tile([0.0, 0.0, 1.0, 0.5, 0.3], (4, 1)), 4) == [0]
+    assert suppress_overlapping(np.tile([0.0, 0.0, 1.0, 0.5, 0.3], (4, 1)), 4) == [0]
 
 
 @pytest.mark.parametrize(("shift", "kept"), [(2.4, [0]), (2.6, [0, 1])])
 def test_the_limit_is_a_share_of_the_union(shift: float, kept: list[int]) -> None:
     turned = 0.5
     second = (shift * np.cos(turned), shift * np.sin(turned), 10, 4, turned)
-    assert spread(np.array([(0, 0, 10, 4, turned), second]), 5) == kept
+    assert suppress_overlapping(np.array([(0, 0, 10, 4, turned), second]), 5) == kept
 
 
 def test_a_rectangle_named_by_its_other_sides_is_the_same() -> None:
-    assert spread(np.array([(5.0, 5, 10, 4, -np.pi / 2), (5, 5, 4, 10, 0)]), 5) == [0]
+    assert suppress_overlapping(np.array([(5.0, 5, 10, 4, -np.pi / 2), (5, 5, 4, 10, 0)]), 5) == [0]
 
 
 def test_nothing_of_nothing() -> None:
-    assert spread(np.zeros((0, 5)), 5) == []
+    assert suppress_overlapping(np.zeros((0, 5)), 5) == []
