@@ -153,7 +153,7 @@ async def test_a_reboot_is_a_new_epoch_that_tells_what_nobody_heard(tmp_path: Pa
     listener.check_frames({0: 1, 1: 2}, board.times, unix_offset())
 
 
-async def test_reboots_in_quick_succession_add_up(tmp_path: Path) -> None:
+async def test_reboots_shortly_after_one_another_add_up(tmp_path: Path) -> None:
     board = Board(tmp_path / "finger", first_tick=4_000_000_000)
     async with gateway(tmp_path / "finger") as clients, clients.listening() as listener:
         await clients.opened()

@@ -69,7 +69,7 @@ def test_a_wrap_during_a_long_silence_is_no_restart() -> None:
 
 
 @given(st.integers(0, WRAP - 1), st.floats(-60.0, 60.0))
-def test_a_time_that_is_seconds_from_what_is_foretold_does_not_follow(first: int, jump: float) -> None:
+def test_a_time_that_is_seconds_from_the_prediction_does_not_follow(first: int, jump: float) -> None:
     counter = TickUnwrapper(WRAP)
     counter.unwrap(first, 100.0)
     micros = (first + round((1.0 + jump) * 1e6)) % WRAP
