@@ -12,13 +12,12 @@ from dataclasses import replace
 import numpy as np
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
-from pretouch_orchestrator.upstream.interfaces import ProposedRegion
 from scenes import Box, View, World
 
 from pretouch.errors import Unavailable
 from pretouch.estimate import Estimate, Prior, from_prior, point_error
 from pretouch.geometry import Plane, Pose
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import Points, Proposer, SessionRequest, Skipped
 from pretouch.tof import RangeSamples, Scan, Sensor

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pretouch_detector.proposals import propose
-from pretouch_orchestrator.upstream.interfaces import ProposedRegion
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.estimate import Estimate, Prior
+from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Scan, Sensor
@@ -24,10 +24,9 @@ class InProcessDetector:
     async def propose(
         self, scene: Scene, proposer: Proposer | None, sensor: Sensor, seed: int
     ) -> tuple[Proposer, list[ProposedRegion]]:
-        """See `ports.Detector`."""
+        """See `upstream.interfaces.Detector`."""
         proposals = propose(scene, proposer, sensor, _REGIONS, seed)
-        regions = [ProposedRegion(region.rectangle, region.confidence) for region in proposals.regions]
-        return proposals.proposer, regions
+        return proposals.proposer, list(proposals.regions)
 
 
 class InProcessRegistrar:
@@ -37,11 +36,11 @@ class InProcessRegistrar:
         self._engine, self._registrar = engine, registrar
 
     async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
-        """See `ports.Registrar`."""
+        """See `upstream.interfaces.Registrar`."""
         return self._registrar.register(scene, scans, Settings(self._engine, prior, sensor))
 
     async def predict(
         self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
     ) -> list[float]:
-        """See `ports.Registrar`."""
+        """See `upstream.interfaces.Registrar`."""
         return self._registrar.predict(scene, scans, Settings(self._engine, prior, sensor), candidates)

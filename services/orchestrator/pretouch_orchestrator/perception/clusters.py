@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pretouch_orchestrator.perception.table import depth_std
+from pretouch.camera import kinect_depth_std
 
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 _MIN_SUPPORT = 3
@@ -18,7 +18,7 @@ _SPECK_AREA = 4e-4
 
 def depth_jump_threshold(z: NDArray[np.float32]) -> NDArray[np.float64]:
     """m: the least difference of neighbouring depths at z that separates two surfaces, above noise and steep faces."""
-    return np.asarray(np.maximum(0.03, 6 * depth_std(z)), dtype=np.float64)
+    return np.asarray(np.maximum(0.03, 6 * kinect_depth_std(z)), dtype=np.float64)
 
 
 def find_connected_neighbours(

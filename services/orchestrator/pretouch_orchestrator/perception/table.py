@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from pretouch.camera import kinect_depth_std
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Plane, Pose
 
@@ -17,15 +18,10 @@ _MIN_SHARE = 0.2
 """Least share of the points that lie on a table."""
 
 
-def depth_std(z: ArrayLike) -> Array:
-    """Axial noise, m, of a Kinect-class camera at depths z, m (Nguyen, Izadi, Lovell, 3DIMPVT 2012)."""
-    return np.asarray(0.0012 + 0.0019 * (np.asarray(z, dtype=np.float64) - 0.4) ** 2, dtype=np.float64)
-
-
 def height_std(points: Array, normal: Array) -> Array:
     """m, (...,): standard deviation, by axial noise, of the height along `normal` of points (..., 3), camera frame."""
     z = points[..., 2]
-    return np.asarray(depth_std(z) * np.abs(points @ normal) / np.maximum(z, 1e-6) + 1e-4, dtype=np.float64)
+    return np.asarray(kinect_depth_std(z) * np.abs(points @ normal) / np.maximum(z, 1e-6) + 1e-4, dtype=np.float64)
 
 
 def table_covariance(base_T_table: Pose, estimate: Estimate) -> Array:
@@ -62,7 +58,7 @@ def fit_table(points: Array, below_weight: float) -> Plane | None:
     offsets = (normals * corners[sound, 0]).sum(axis=1)
     along = normals @ voters.T
     heights = along - offsets[:, None]
-    noise = 3 * (depth_std(voters[:, 2]) / voters[:, 2]) * np.abs(along) + 1e-3
+    noise = 3 * (kinect_depth_std(voters[:, 2]) / voters[:, 2]) * np.abs(along) + 1e-3
     score = (np.abs(heights) < noise).sum(axis=1) - below_weight * (heights < -2 * noise).sum(axis=1)
     best = int(np.argmax(score))
     return _refine(points, Plane(normals[best], float(offsets[best])))

@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 
 from pretouch.errors import Internal, Unavailable
 from pretouch.estimate import Estimate, Prior
+from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 from pretouch.session import GatewaySpan, Proposer
 from pretouch.tof import RangeSamples, Scan, Sensor
@@ -17,7 +18,6 @@ from pretouch.v1 import sensor_gateway_pb2 as gateway_pb2
 from pretouch.v1 import sensor_gateway_pb2_grpc as gateway_pb2_grpc
 from pretouch.wire import common
 from pretouch_orchestrator.upstream.connection import UpstreamConnection
-from pretouch_orchestrator.upstream.interfaces import ProposedRegion
 
 _QUICK, _LONG = 10.0, 30.0
 """s: deadlines of a lookup and of a computation."""

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 from pretouch.estimate import Estimate, Prior
-from pretouch.rectangle import RotatedRectangle
+from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 from pretouch.session import GatewaySpan, Proposer
 from pretouch.tof import RangeSamples, Scan, Sensor
 from pretouch.trajectory import Trajectory
-
-
-@dataclass(frozen=True)
-class ProposedRegion:
-    """A rectangle in the scene's pixels and the proposer's score in [0, 1]."""
-
-    rectangle: RotatedRectangle
-    confidence: float
 
 
 class Detector(Protocol):
