@@ -11,7 +11,7 @@ import asyncio
 import importlib.util
 import os
 import sys
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -181,6 +181,20 @@ def _summary(entry: EntryPoint) -> str:
     return (ast.get_docstring(functions[0] if functions else module) or "").partition("\n")[0]
 
 
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"pretouch {version('pretouch')}")
+        raise typer.Exit
+
+
+def _options(
+    show_version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Options of the command line itself."""
+
+
 def _app(called: str | None) -> typer.Typer:
     """The whole command line; of the other packages' commands only the `called` one is imported."""
     app = typer.Typer(
@@ -189,7 +203,9 @@ def _app(called: str | None) -> typer.Typer:
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
     )
+    app.callback()(_options)
     app.command("up")(_up)
     serve = typer.Typer(help="Run one service.", no_args_is_help=True)
     for name, text in _SERVE_HELP.items():

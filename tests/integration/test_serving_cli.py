@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
 from pathlib import Path
 
 import grpc
@@ -81,6 +81,18 @@ def test_a_missing_extra_is_named(service: str) -> None:
 def test_a_missing_extra_of_another_packages_command_is_named(tmp_path: Path) -> None:
     told = refused(without_extras("evaluate", "--meshes", str(tmp_path), "--json", str(tmp_path / "out.json")))
     assert "pip install 'pretouch[simulation]'" in told
+
+
+def test_the_version_is_the_installed_one() -> None:
+    done = pretouch("--version")
+    assert (done.returncode, done.stdout) == (0, f"pretouch {version('pretouch')}\n")
+
+
+@pytest.mark.parametrize("command", [(), ("serve",), ("serve", "registrar"), ("up",)])
+def test_help_has_a_short_name_everywhere(command: tuple[str, ...]) -> None:
+    short, long = pretouch(*command, "-h"), pretouch(*command, "--help")
+    assert (short.returncode, short.stdout) == (0, long.stdout)
+    assert "Usage:" in short.stdout
 
 
 def test_the_orchestrators_help_names_its_variables() -> None:
