@@ -80,3 +80,16 @@ def test_a_thin_beam_stays_one(
     scans = measured(World(OBJECT).moved(truth_of(scene, correction)), 0.0, np.random.default_rng(3))
     answer = registered(scene, scans, replace(THIN, range_std=range_std))
     assert answer.expected_error < 0.6 * registered(scene, scans, CONE).expected_error
+
+
+@pytest.mark.parametrize("correction", CORRECTIONS)
+def test_points_without_beams_are_a_thin_beams(
+    scene: Scene, correction: tuple[tuple[float, ...], tuple[float, ...]]
+) -> None:
+    truth = truth_of(scene, correction)
+    scans = measured(World(OBJECT).moved(truth), 0.0, np.random.default_rng(3))
+    points = [Scan.of_points(scan.points(), [0.0, 0.0, -1.0]) for scan in scans]
+    answer = registered(scene, points, THIN)
+    error = np.linalg.norm(answer.base_T_correction.apply(scene.cloud) - truth.apply(scene.cloud), axis=1).mean()
+    assert error < 0.005
+    assert answer.expected_error < 0.6 * registered(scene, scans, CONE).expected_error

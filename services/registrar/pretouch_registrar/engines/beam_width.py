@@ -28,8 +28,13 @@ wide beam's answer is the same but less sure; and 68, 64 and 89 % of the fingers
 
 
 def measures_wide(x: Array, thin: Problem, wide: Problem, resources: Resources) -> bool:
-    """Whether `wide`, the same scans as a wide beam's, explains the samples better than `thin` does about x (6,)."""
+    """Whether `wide`, the same scans as a wide beam's, explains the samples better than `thin` does about x (6,).
+
+    Never of points whose ranges nobody knows (`Scan.of_points`).
+    """
     wide = wide.pooled().thinned(_BEAMS)
+    if (wide.beams.ranges[wide.beams.returned] == 0.0).any():
+        return False
     thin = thin._replace(beams=wide.beams, temperature=wide.temperature)
     returns = float(wide.beams.weights[wide.beams.returned].sum()) / wide.temperature
     if returns <= 0.0:
