@@ -1,11 +1,11 @@
-"""Fixtures that several suites share; this file also puts `tests/` on the path, where their helpers live."""
+"""Fixtures that several suites share. This file also puts `tests/` on the path, so that `helpers` can be imported."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import pytest
-from fake_upstream import FakeUpstream
+from helpers.fake_upstream import FakeUpstream
 from hypothesis import settings
 
 settings.register_profile("untimed", deadline=None)  # how long an example takes is the machine's affair

@@ -16,9 +16,9 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from helpers.processes import free_port
+from helpers.scenes import Box, View, World
 from pretouch_detector.proposals import readiness
-from processes import free_port
-from scenes import Box, View, World
 
 from pretouch.client import GrpcClient, RestClient, drive
 from pretouch.errors import Unauthenticated

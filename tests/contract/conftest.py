@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from box_session import TOKEN
-from client_kinds import KINDS, opened
-from fake_upstream import FakeUpstream
-from processes import Orchestrator
+from helpers.box_session import TOKEN
+from helpers.client_kinds import KINDS, opened
+from helpers.fake_upstream import FakeUpstream
+from helpers.processes import Orchestrator
 
 
 @pytest.fixture(scope="session")

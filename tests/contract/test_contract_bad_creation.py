@@ -10,12 +10,12 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from box_session import DEPTH, MASK, TOKEN
-from box_view import png
-from creation import FULL, changed, files, image, message, npy, set_field, with_depth, with_roi, without
 from google.protobuf.message import Message
-from problems import TIMEOUT, check, code_of, over_grpc, over_rest
-from processes import Orchestrator
+from helpers.box_session import DEPTH, MASK, TOKEN
+from helpers.box_view import png
+from helpers.creation import FULL, changed, files, image, message, npy, set_field, with_depth, with_roi, without
+from helpers.problems import TIMEOUT, check, code_of, over_grpc, over_rest
+from helpers.processes import Orchestrator
 
 from pretouch.errors import (
     InvalidInput,

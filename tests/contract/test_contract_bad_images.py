@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from box_session import DEPTH, MASK, request
-from box_view import png
-from creation import files, image, message, npy
-from problems import check, over_grpc, over_rest
-from processes import Orchestrator
+from helpers.box_session import DEPTH, MASK, request
+from helpers.box_view import png
+from helpers.creation import files, image, message, npy
+from helpers.problems import check, over_grpc, over_rest
+from helpers.processes import Orchestrator
 
 from pretouch.client import GrpcClient, RestClient
 from pretouch.errors import InvalidInput, Malformed, TooLarge

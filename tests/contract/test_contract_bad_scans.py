@@ -11,9 +11,9 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from box_session import DEPTH, MASK, ROOMY, measured, request
-from problems import TIMEOUT, check, code_of, over_grpc, over_rest
-from processes import Orchestrator
+from helpers.box_session import DEPTH, MASK, ROOMY, measured, request
+from helpers.problems import TIMEOUT, check, code_of, over_grpc, over_rest
+from helpers.processes import Orchestrator
 
 from pretouch.client import RestClient
 from pretouch.errors import (

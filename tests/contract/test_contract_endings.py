@@ -9,9 +9,9 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from box_session import DEPTH, MASK, ROOMY, measured, request
-from fake_upstream import FakeUpstream
-from processes import Orchestrator
+from helpers.box_session import DEPTH, MASK, ROOMY, measured, request
+from helpers.fake_upstream import FakeUpstream
+from helpers.processes import Orchestrator
 
 from pretouch.client import RestClient
 from pretouch.estimate import Estimate, Mode

@@ -7,10 +7,10 @@ from typing import Any
 import httpx
 import pytest
 import schemathesis
-from box_session import DEPTH, MASK, ROOMY, request
+from helpers.box_session import DEPTH, MASK, ROOMY, request
+from helpers.problems import TIMEOUT
+from helpers.processes import Orchestrator
 from hypothesis import HealthCheck, given, settings
-from problems import TIMEOUT
-from processes import Orchestrator
 from schemathesis import GenerationMode
 from schemathesis.checks import CHECKS, load_all_checks, response_schema_conformance
 from schemathesis.transport.serialization import Binary

@@ -6,10 +6,10 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from box_session import DEPTH, DEPTH_SCALE, MASK, ROOMY, TOKEN, measured, request
-from client_kinds import KINDS, opened
-from fake_upstream import DEVICE, FakeUpstream
-from processes import Orchestrator
+from helpers.box_session import DEPTH, DEPTH_SCALE, MASK, ROOMY, TOKEN, measured, request
+from helpers.client_kinds import KINDS, opened
+from helpers.fake_upstream import DEVICE, FakeUpstream
+from helpers.processes import Orchestrator
 
 from pretouch.client import GrpcClient, RestClient, drive, drive_async
 from pretouch.errors import Conflict, InvalidInput, NotFound, Unauthenticated

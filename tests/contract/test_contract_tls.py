@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 import trustme
-from box_session import DEPTH, MASK, request
-from client_kinds import KINDS, opened
-from fake_upstream import FakeUpstream
-from processes import Orchestrator
+from helpers.box_session import DEPTH, MASK, request
+from helpers.client_kinds import KINDS, opened
+from helpers.fake_upstream import FakeUpstream
+from helpers.processes import Orchestrator
 
 from pretouch.errors import Unavailable
 from pretouch.session import State

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
-from fake_upstream import FakeUpstream
-from processes import Orchestrator
+from helpers.fake_upstream import FakeUpstream
+from helpers.processes import Orchestrator
 
 
 @pytest.fixture(scope="session")

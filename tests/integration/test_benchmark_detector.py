@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import made_network
+from helpers import made_network
 
 REPOSITORY = Path(__file__).parents[2]
 

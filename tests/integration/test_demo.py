@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_frame import write_frame
+from helpers.made_frame import write_frame
 from PIL import Image
 
 FIELDS = {

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_frame import write_frame, write_mesh
+from helpers.made_frame import write_frame, write_mesh
 from pretouch_simulation.objects import MAKERS
 
 FIELDS = {

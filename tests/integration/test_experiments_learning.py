@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_frame import write_mesh
+from helpers.made_frame import write_mesh
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.partial_rows import PartialRows
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_frame import write_mesh
+from helpers.made_frame import write_mesh
 from pretouch_simulation.objects import MAKERS
 
 from experiments import sessions

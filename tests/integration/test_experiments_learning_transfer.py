@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from made_frame import write_frame
+from helpers.made_frame import write_frame
 
 from experiments import transfer
 from pretouch.errors import NotFound

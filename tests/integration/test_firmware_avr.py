@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from firmware_bench import make, need
+from helpers.firmware_bench import make, need
 
 FLASH = 32 * 1024 - 512  # bytes, less the boot loader of an Arduino Uno
 RAM = 2 * 1024

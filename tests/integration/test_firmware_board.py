@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from firmware_bench import MODULES, Bench, make, need, sanitizers
+from helpers.firmware_bench import MODULES, Bench, make, need, sanitizers
 from pretouch_sensor_gateway.wire_formats.binary import encode
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, Identify, Ping
 from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply

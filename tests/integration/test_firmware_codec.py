@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from fastcrc import crc16
-from firmware_bench import MODULES, make, need, sanitizers
+from helpers.firmware_bench import MODULES, make, need, sanitizers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder, encode

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from firmware_bench import MODULES, Bench, make, need
+from helpers.firmware_bench import MODULES, Bench, make, need
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.service import serve
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import serial
-from firmware_bench import MODULES, Bench, make, need, sanitizers
+from helpers.firmware_bench import MODULES, Bench, make, need, sanitizers
 from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder, encode
 from pretouch_sensor_gateway.wire_formats.messages import Identify, Message, Ping
 from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply

@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 import typer
-from plate_gateway import SERIAL, PlateGateway
+from helpers.plate_gateway import SERIAL, PlateGateway
+from helpers.processes import free_port
 from pretouch_sensor_gateway.calibration import picture
 from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, ModuleCalibration
 from pretouch_sensor_gateway.calibration.proto_conversion import calibration_from_proto
 from pretouch_sensor_gateway.command.calibrate import calibrate
-from processes import free_port
 
 from pretouch.errors import InvalidInput, NotFound, PretouchError, Unavailable
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from plate_gateway import PlateGateway
+from helpers.plate_gateway import PlateGateway
 from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import ModuleCalibration
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
-from faulty_board import FIRST_SERIAL, OTHER_SERIAL, PAUSE, Board
-from faulty_gateway import gateway, unix_offset
+from helpers.faulty_board import FIRST_SERIAL, OTHER_SERIAL, PAUSE, Board
+from helpers.faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.calibration import file
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
 from pretouch_sensor_gateway.configuration import VARIABLE, GatewaySetting, load_configuration

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from faulty_board import OTHER_SERIAL, Board
-from faulty_gateway import gateway, unix_offset
+from helpers.faulty_board import OTHER_SERIAL, Board
+from helpers.faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 
 from pretouch.v1 import sensor_gateway_pb2 as pb

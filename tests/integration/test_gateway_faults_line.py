@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faulty_board import PAUSE, Board, whole
-from faulty_gateway import gateway, unix_offset
+from helpers.faulty_board import PAUSE, Board, whole
+from helpers.faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.transport import link
 

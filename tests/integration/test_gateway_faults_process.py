@@ -10,12 +10,12 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import grpc
-from faulty_board import Board
-from faulty_gateway import TIMEOUT, Gateway, client, small_window
-from gateway_recordings import files_in, sequence_in
+from helpers.faulty_board import Board
+from helpers.faulty_gateway import TIMEOUT, Gateway, client, small_window
+from helpers.gateway_recordings import files_in, sequence_in
+from helpers.processes import Service, free_port
 from pretouch_sensor_gateway.configuration import VARIABLE
 from pretouch_sensor_gateway.recording.reader import RecordingReader
-from processes import Service, free_port
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 

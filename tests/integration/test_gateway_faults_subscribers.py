@@ -7,10 +7,10 @@ import os
 from pathlib import Path
 
 import numpy as np
-from faulty_board import Board
-from faulty_gateway import Gateway, client, gateway, small_window, unix_offset
-from faulty_listener import Account, Listener
-from links import eventually
+from helpers.faulty_board import Board
+from helpers.faulty_gateway import Gateway, client, gateway, small_window, unix_offset
+from helpers.faulty_listener import Account, Listener
+from helpers.links import eventually
 from pretouch_sensor_gateway.subscription_queue import QUEUE_MEASUREMENTS
 
 from pretouch.v1 import sensor_gateway_pb2 as pb

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faulty_board import PAUSE, Board
-from faulty_gateway import Gateway, gateway, unix_offset
+from helpers.faulty_board import PAUSE, Board
+from helpers.faulty_gateway import Gateway, gateway, unix_offset
 
 from pretouch.geometry import Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb

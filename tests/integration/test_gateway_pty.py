@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from grpc.aio import AioRpcError
-from hand_finger import HandFinger
+from helpers.hand_finger import HandFinger
 from pretouch_sensor_gateway.configuration import VARIABLE
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.range_batch import RangeBatch

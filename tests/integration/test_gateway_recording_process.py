@@ -10,16 +10,17 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from gateway_recordings import files_in, sequence_in
+from helpers.gateway_recordings import files_in, sequence_in
 from pretouch_sensor_gateway.recording.reader import RecordingReader
 
-CHILD = Path(__file__).parent.parent / "gateway_recording_child.py"
+TESTS = Path(__file__).parents[1]
 TIMEOUT = 60.0
 
 
 def started(mode: str, folder: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, str(CHILD), mode, str(folder)],
+        [sys.executable, "-m", "helpers.gateway_recording_child", mode, str(folder)],
+        cwd=TESTS,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         stdin=subprocess.DEVNULL,

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 import serial
-from links import Diary, Ears, Pty, linked
+from helpers.links import Diary, Ears, Pty, linked
 from pretouch_sensor_gateway.transport import link as link_module
 from pretouch_sensor_gateway.transport import port as port_module
 from pretouch_sensor_gateway.transport.address import PathAddress

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from links import Diary, Ears, Pty, eventually, linked
+from helpers.links import Diary, Ears, Pty, eventually, linked
 from pretouch_sensor_gateway.transport import link as link_module
 from pretouch_sensor_gateway.transport.address import Address, PathAddress
 from pretouch_sensor_gateway.transport.link import Link, LinkState

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from links import Diary, Pty, linked
+from helpers.links import Diary, Pty, linked
 from pretouch_sensor_gateway.transport import link as link_module
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo

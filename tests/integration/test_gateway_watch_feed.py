@@ -8,10 +8,10 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 
 import pytest
+from helpers.watched_gateway import FakeGateway, device, ranges, status
 from pretouch_sensor_gateway.watch import feed
 from pretouch_sensor_gateway.watch.feed import Feed
 from pretouch_sensor_gateway.watch.state import Watch
-from watched_gateway import FakeGateway, device, ranges, status
 
 from pretouch.channel import open_channel
 from pretouch.errors import InvalidInput, NotFound, Unauthenticated

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gateway_recordings import files_in, measured, series_in
+from helpers.gateway_recordings import files_in, measured, series_in
+from helpers.processes import Service, free_port
+from helpers.terminals import Terminal
 from pretouch_sensor_gateway.command import local_gateway
 from pretouch_sensor_gateway.command.local_gateway import DEVICE, run_local_gateway
 from pretouch_sensor_gateway.recording.queue_items import StopItem
 from pretouch_simulation.finger_link import FingerProcess
-from processes import Service, free_port
-from terminals import Terminal
 
 from pretouch.channel import open_sync_channel
 from pretouch.errors import InvalidInput, Unavailable

@@ -11,8 +11,8 @@ import termios
 from collections.abc import Iterator
 
 import pytest
-from terminals import Terminal
-from watched_gateway import FakeGateway, device, ranges, status
+from helpers.terminals import Terminal
+from helpers.watched_gateway import FakeGateway, device, ranges, status
 
 TIMEOUT = 60
 T0 = 1.7e9

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
-from label_cases import example
+from helpers.label_cases import example
 from pretouch_detector.training.dataset import Dataset, write
 from pretouch_simulation.labels.command import labels
 from typer.testing import CliRunner

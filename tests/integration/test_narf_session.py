@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from made_frame import write_mesh
+from helpers.made_frame import write_mesh
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.evaluation import run_task

@@ -5,15 +5,15 @@ from __future__ import annotations
 import ssl
 from pathlib import Path
 
-import box_view
 import grpc
 import httpx
 import pytest
 import trustme
-from fake_upstream import FakeUpstream
+from helpers import box_view
+from helpers.fake_upstream import FakeUpstream
+from helpers.processes import Orchestrator
+from helpers.rest_sessions import assert_problem, opened
 from pretouch_orchestrator.settings import OrchestratorSettings
-from processes import Orchestrator
-from rest_sessions import assert_problem, opened
 
 from pretouch.channel import open_sync_channel
 from pretouch.errors import InvalidInput

@@ -10,8 +10,8 @@ from typing import Any
 import grpc
 import httpx
 import pytest
-from processes import Orchestrator
-from rest_sessions import assert_problem, opened, scanned
+from helpers.processes import Orchestrator
+from helpers.rest_sessions import assert_problem, opened, scanned
 
 from pretouch.channel import open_sync_channel
 from pretouch.v1 import orchestrator_pb2 as pb

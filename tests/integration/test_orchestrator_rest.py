@@ -8,13 +8,13 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import box_view
 import httpx
 import numpy as np
 import pytest
-from fake_upstream import FakeUpstream
-from processes import Orchestrator
-from rest_sessions import assert_problem, opened, scan_path, scanned
+from helpers import box_view
+from helpers.fake_upstream import FakeUpstream
+from helpers.processes import Orchestrator
+from helpers.rest_sessions import assert_problem, opened, scan_path, scanned
 
 from pretouch.geometry import Pose
 from pretouch.tof import RangeSamples

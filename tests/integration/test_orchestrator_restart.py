@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-import box_view
 import httpx
 import pytest
-from fake_upstream import FakeUpstream
-from processes import Orchestrator
-from rest_sessions import opened, scanned
+from helpers import box_view
+from helpers.fake_upstream import FakeUpstream
+from helpers.processes import Orchestrator
+from helpers.rest_sessions import opened, scanned
 
 
 def events(rest: httpx.Client, session_id: str) -> list[tuple[int, str]]:

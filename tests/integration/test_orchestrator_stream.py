@@ -6,13 +6,13 @@ import queue
 from collections.abc import Iterator
 from typing import Any
 
-import box_view
 import grpc
 import httpx
 import numpy as np
 import pytest
-from processes import Orchestrator
-from rest_sessions import opened
+from helpers import box_view
+from helpers.processes import Orchestrator
+from helpers.rest_sessions import opened
 
 from pretouch.channel import open_sync_channel
 from pretouch.errors import PretouchError, from_rpc_error

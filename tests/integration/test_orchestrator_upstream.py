@@ -5,12 +5,12 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import box_view
 import httpx
 import pytest
-from fake_upstream import FakeUpstream
-from processes import Orchestrator
-from rest_sessions import assert_problem, opened, scan_path, scanned
+from helpers import box_view
+from helpers.fake_upstream import FakeUpstream
+from helpers.processes import Orchestrator
+from helpers.rest_sessions import assert_problem, opened, scan_path, scanned
 
 from pretouch.errors import DeadlineExceeded, Internal, InvalidInput, Overloaded, Unauthenticated, Unavailable
 

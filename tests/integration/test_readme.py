@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, View, World
 from PIL import Image
 from pretouch_simulation.services import Services
-from scenes import KINECT, Box, View, World
 
 from pretouch.geometry import Pose
 

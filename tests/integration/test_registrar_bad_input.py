@@ -10,16 +10,16 @@ import grpc
 import numpy as np
 import pytest
 from google.protobuf.message import Message
+from helpers.mesh_cases import blind_scans, mesh_target_of
+from helpers.processes import Service, free_port
+from helpers.scenes import KINECT, Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_cases import blind_scans, mesh_target_of
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.mesh_scene import mesh_scene
 from pretouch_registrar.registration import Registrar, Settings
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import TABLE, make_case
-from processes import Service, free_port
-from scenes import KINECT, Box, World
 
 from pretouch.channel import open_sync_channel
 from pretouch.errors import InvalidInput, Malformed, PretouchError, TooLarge, from_rpc_error

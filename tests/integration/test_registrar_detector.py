@@ -7,18 +7,18 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-import made_network
 import numpy as np
 import pytest
 from google.protobuf.message import Message
 from grpc.aio import AioRpcError
+from helpers import made_network
+from helpers.scenes import Box, World
 from pretouch_detector.model.weights import Weights
 from pretouch_detector.proposals import deep
 from pretouch_detector.service import running as detector_running
 from pretouch_registrar.registration import Registrar
 from pretouch_registrar.registration import Settings as RegistrationSettings
 from pretouch_registrar.service import running as registrar_running
-from scenes import Box, World
 
 from pretouch.channel import open_channel
 from pretouch.errors import InvalidInput, Malformed, PretouchError, TooLarge, Unavailable, from_rpc_error

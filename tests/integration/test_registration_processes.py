@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import registration_probe
+from helpers import registration_probe
 from pretouch_registrar.registration import Registrar
 
-PROBE = Path(registration_probe.__file__)
+TESTS = Path(__file__).parents[1]
 
 
 @pytest.mark.parametrize("half_angle", [0.0, float(np.radians(12.5))], ids=["thin", "wide"])
 def test_two_processes_give_the_same_answer_to_the_last_bit(half_angle: float) -> None:
-    command = [sys.executable, str(PROBE), repr(half_angle)]
-    other = subprocess.run(command, check=True, capture_output=True, text=True, timeout=240).stdout.strip()
+    command = [sys.executable, "-m", "helpers.registration_probe", repr(half_angle)]
+    other = subprocess.run(command, cwd=TESTS, check=True, capture_output=True, text=True, timeout=240).stdout.strip()
     assert other == registration_probe.bits(Registrar().register(*registration_probe.session(half_angle)))

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from helpers.processes import Service, free_port
 from pretouch_simulation.finger_link import FingerProcess
 from pretouch_simulation.robot import GatewayRobot
-from processes import Service, free_port
 
 from pretouch.channel import open_sync_channel
 from pretouch.errors import NotFound, Unauthenticated, Unavailable

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mesh_cases import blind_scans, mesh_target_of
+from helpers.mesh_cases import blind_scans, mesh_target_of
 from PIL import Image
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.open3d_loader import open3d

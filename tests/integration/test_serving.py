@@ -16,7 +16,7 @@ import structlog
 from google.protobuf.wrappers_pb2 import BytesValue, StringValue
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
-from serving_probe import SERVICE, Stub, running
+from helpers.serving_probe import SERVICE, Stub, running
 
 from pretouch import errors
 from pretouch.channel import MESSAGE_LIMIT, open_channel, open_sync_channel

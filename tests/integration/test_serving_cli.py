@@ -13,7 +13,7 @@ from pathlib import Path
 
 import grpc
 import pytest
-from serving_probe import running
+from helpers.serving_probe import running
 
 from pretouch.serving import ServiceContext, Settings, started
 

@@ -16,12 +16,12 @@ import grpc
 import pytest
 from google.protobuf.wrappers_pb2 import StringValue
 from grpc_health.v1 import health_pb2, health_pb2_grpc
-from serving_probe import Stub
+from helpers.serving_probe import Stub
 
 from pretouch.channel import open_channel
 from pretouch.errors import Unavailable, from_rpc_error
 
-PROBE = Path(__file__).with_name("serving_probe.py")
+TESTS = Path(__file__).parents[1]
 TIMEOUT = 30
 
 
@@ -55,7 +55,9 @@ class Served:
 
 @asynccontextmanager
 async def served(*arguments: str) -> AsyncIterator[Served]:
-    process = await asyncio.create_subprocess_exec(sys.executable, PROBE, *arguments, stdin=PIPE, stderr=PIPE)
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "helpers.serving_probe", *arguments, cwd=TESTS, stdin=PIPE, stderr=PIPE
+    )
     try:
         probe = Served(process)
         port = (await probe.line("ready"))["port"]

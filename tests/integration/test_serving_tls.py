@@ -10,7 +10,7 @@ import grpc
 import pytest
 import trustme
 from google.protobuf.wrappers_pb2 import StringValue
-from serving_probe import Stub, running
+from helpers.serving_probe import Stub, running
 
 from pretouch.channel import open_channel, open_sync_channel
 from pretouch.errors import InvalidInput

@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-import box_view
 import httpx
 import pytest
+from helpers import box_view
 
 pytestmark = pytest.mark.timeout(600)
 READY_WITHIN = 320  # s: a first start compiles the registrar's kernels

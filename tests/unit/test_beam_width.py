@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from pretouch_registrar.engines.beam_width import SUPPOSED_HALF_ANGLE
 from pretouch_registrar.registration import Registrar, Settings
-from scenes import KINECT, Box, World
 
 from pretouch.estimate import Estimate, Prior
 from pretouch.geometry import Array, Pose, rotation_from_vector

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from client_kinds import KINDS, opened
-from scripted_orchestrator import ScriptedOrchestrator
+from helpers.client_kinds import KINDS, opened
+from helpers.scripted_orchestrator import ScriptedOrchestrator
 
 from pretouch.camera import Camera
 from pretouch.client.attempts import Attempts

@@ -3,16 +3,16 @@
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import made_network
 import numpy as np
 import pytest
+from helpers import made_network
+from helpers.scenes import KINECT, Box, View, World, looking
 from pretouch_detector.model.weights import Network, Weights, load
 from pretouch_detector.overlap import intersection_over_union
 from pretouch_detector.proposals import deep, propose
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.proposals.random import AREA, LOG_ASPECT, MIN_OVERLAP, draw_rectangles
 from pretouch_detector.suppression import MAX_OVERLAP
-from scenes import KINECT, Box, View, World, looking
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput

@@ -5,13 +5,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import made_network
 import numpy as np
 import pytest
+from helpers import made_network
+from helpers.scenes import Box, World
 from pretouch_detector.model.encoding import CHANNELS
 from pretouch_detector.model.weights import FORMAT, Weights
 from pretouch_detector.proposals import deep, propose, readiness
-from scenes import Box, World
 
 from pretouch.errors import Unavailable, problem
 from pretouch.session import Proposer

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+from helpers.scenes import KINECT, Box, View, World, looking
 from pretouch_detector.model.encoding import CHANNELS, LENGTH, SCALE, SIZE, Encoding, encode
-from scenes import KINECT, Box, View, World, looking
 
 from pretouch.camera import Camera
 from pretouch.geometry import Pose

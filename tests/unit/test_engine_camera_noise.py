@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from pretouch_registrar.engines.camera_noise import (
     PATCH,
     UNKNOWN_PATCH,
@@ -11,7 +12,6 @@ from pretouch_registrar.engines.camera_noise import (
     CameraNoise,
     camera_noise,
 )
-from scenes import KINECT, Box, World
 
 from pretouch.camera import DepthImage
 from pretouch.geometry import Array, Plane, Pose

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import camera_model
@@ -11,7 +12,6 @@ from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.cone import CALIBRATED, Cone, cone_of, thin_beam
 from pretouch_registrar.engines.problem import pose_problem
 from pretouch_registrar.engines.residuals.cone import measure, spot_of, spot_residual
-from scenes import KINECT, Box, World
 
 from pretouch.estimate import Prior
 from pretouch.geometry import Array

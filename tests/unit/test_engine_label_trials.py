@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import Box, World
 from pretouch_registrar.engines import icp
 from pretouch_registrar.engines.label_trials import Matching, Trials, View, best, scores
 from pretouch_registrar.engines.neighbours import index_of
-from scenes import Box, World
 
 from pretouch.errors import PretouchError
 from pretouch.geometry import Array, Pose

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import camera_model, so3
@@ -17,7 +18,6 @@ from pretouch_registrar.engines.objective import (
 )
 from pretouch_registrar.engines.problem import Problem, pose_problem
 from pretouch_registrar.engines.resources import Resources
-from scenes import KINECT, Box, World
 
 from pretouch.estimate import Prior
 from pretouch.geometry import Array

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import Engine, paper, pcl
 from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MIN_PAIRS
 from pretouch_registrar.registration import Registrar, Settings
-from scenes import KINECT, Box, World
 from scipy.spatial import cKDTree
 
 from pretouch.estimate import Prior

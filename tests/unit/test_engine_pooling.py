@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.problem import Problem, pose_problem
-from scenes import KINECT, Box, World
 
 from pretouch.estimate import Prior
 from pretouch.geometry import Array

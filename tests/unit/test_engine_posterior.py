@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines.solvers import importance, smc
 from pretouch_registrar.engines.solvers.importance import Mode
 from pretouch_registrar.registration import Registrar, Settings
-from scenes import KINECT, Box, World
 
 from pretouch.geometry import Array
 from pretouch.scene import Scene

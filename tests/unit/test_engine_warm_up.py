@@ -6,10 +6,10 @@ import pkgutil
 import numpy as np
 import pretouch_registrar
 import pytest
+from helpers.scenes import KINECT, Box, World
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
 from pretouch_registrar.warm_up import warm_up
-from scenes import KINECT, Box, World
 
 from pretouch.tof import Sensor
 from pretouch.trajectory import Trajectory

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import structlog
-from gateway_recordings import files_in, measured, recorded_in, sequence_in, series_in
+from helpers.gateway_recordings import files_in, measured, recorded_in, sequence_in, series_in
 from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.queue_items import BatchItem, EventItem, Item, StopItem
 from pretouch_sensor_gateway.recording.reader import RecordingReader

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gateway_recordings import MODULES, T0, files_in, made_batch, made_configuration, measured, series_in
+from helpers.gateway_recordings import MODULES, T0, files_in, made_batch, made_configuration, measured, series_in
 from mcap.reader import make_reader
 from mcap.records import DataEnd
 from mcap.stream_reader import StreamReader

@@ -7,8 +7,8 @@ from io import BytesIO
 from pathlib import Path
 
 import pytest
-from gateway_recordings import RANGES, batches_in, files_in, made_batch, made_configuration, measured, series_in
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorSet
+from helpers.gateway_recordings import RANGES, batches_in, files_in, made_batch, made_configuration, measured, series_in
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.stream_reader import StreamReader

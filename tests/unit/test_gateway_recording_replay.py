@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from gateway_recordings import T0, batches_in, files_in, made_batch, made_configuration, measured, series_in
+from helpers.gateway_recordings import T0, batches_in, files_in, made_batch, made_configuration, measured, series_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.recording.limits import Limits

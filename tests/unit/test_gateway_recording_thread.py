@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import structlog
-from gateway_recordings import T0, files_in, made_batch, made_configuration, recorded_in, sequence_in
+from helpers.gateway_recordings import T0, files_in, made_batch, made_configuration, recorded_in, sequence_in
 from pretouch_sensor_gateway.recording import writer as writer_module
 from pretouch_sensor_gateway.recording.reader import RecordingReader
 from pretouch_sensor_gateway.recording.recorder import QUEUE_BATCHES, Recorder

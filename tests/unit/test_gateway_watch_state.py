@@ -6,12 +6,12 @@ import math
 from itertools import pairwise
 
 import pytest
+from helpers.watched_gateway import device, module, ranges, status
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.watch.events import KEPT, QUIET, EventLog, Severity
 from pretouch_sensor_gateway.watch.keys import Key, parse_keys
 from pretouch_sensor_gateway.watch.state import Watch, WatchedDevice
-from watched_gateway import device, module, ranges, status
 
 from pretouch.errors import InvalidInput
 from pretouch.v1 import sensor_gateway_pb2 as pb

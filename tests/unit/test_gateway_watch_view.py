@@ -7,13 +7,13 @@ import re
 from datetime import datetime
 
 import pytest
+from helpers.watched_gateway import PORT, device, module, ranges, status
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.watch.log_lines import log_lines
 from pretouch_sensor_gateway.watch.state import Watch
 from pretouch_sensor_gateway.watch.view import View
 from rich.console import Console
-from watched_gateway import PORT, device, module, ranges, status
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.label_cases import SENSOR, example, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from label_cases import SENSOR, example, scene
 from pretouch_detector.training.dataset import DEPTH_UNIT, FORMAT, Dataset, Example, read, write
 
 from pretouch.errors import Conflict, InvalidInput, Malformed, NotFound

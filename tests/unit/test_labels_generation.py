@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from label_cases import example
-from made_frame import write_mesh
+from helpers.label_cases import example
+from helpers.made_frame import write_mesh
 from PIL import Image
 from pretouch_detector.training.dataset import Dataset, Example, read, write
 from pretouch_registrar.engines import Engine

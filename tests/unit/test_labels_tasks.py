@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.made_frame import write_frame
 from hypothesis import given
 from hypothesis import strategies as st
-from made_frame import write_frame
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loop_fakes import (
+from helpers.loop_fakes import (
     CORRECTION,
     DEPTH,
     MASK,

@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 import pytest
-from loop_fakes import FormulaRegistrar, RandomDetector, answer, asked, misses, opened, samples_of
+from helpers.loop_fakes import FormulaRegistrar, RandomDetector, answer, asked, misses, opened, samples_of
 from pretouch_orchestrator.sessions.endings import end_session
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record

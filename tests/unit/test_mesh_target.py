@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.mesh_cases import blind_scans, mesh_target_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_cases import blind_scans, mesh_target_of
 from pretouch_registrar import mesh_scene as module
 from pretouch_registrar.mesh_scene import mesh_scene
 from pretouch_registrar.registration import Registrar, Settings

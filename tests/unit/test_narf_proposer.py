@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from pretouch_detector.proposals import propose
 from pretouch_detector.proposals.narf.rectangles import region
-from scenes import KINECT, Box, World
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Plane, Pose

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from pretouch_detector.proposals.narf.borders import Borders, borders
 from pretouch_detector.proposals.narf.change import Change, change
 from pretouch_detector.proposals.narf.descriptor import BEAMS, descriptors
@@ -10,7 +11,6 @@ from pretouch_detector.proposals.narf.keypoints import MIN_INTEREST, keypoints
 from pretouch_detector.proposals.narf.promising import promising
 from pretouch_detector.proposals.narf.range_image import RangeImage, range_image
 from pretouch_detector.proposals.narf.surface import Surface, surface
-from scenes import KINECT, Box, World
 from scipy import ndimage
 
 from pretouch.camera import Camera, DepthImage

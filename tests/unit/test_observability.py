@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.scenes import Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.observability import FREE_STD, weak_directions
 from pretouch_registrar.revolution import revolution_about
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import make_case
-from scenes import Box, World
 
 from pretouch.estimate import WeakDirection
 from pretouch.geometry import Array, rotation_from_vector

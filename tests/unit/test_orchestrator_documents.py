@@ -6,15 +6,15 @@ import json as text
 import re
 from dataclasses import asdict
 
-import box_view
 import pytest
+from helpers import box_view
+from helpers.records import a_record, after_a_scan
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_orchestrator.rest import models as documents
 from pretouch_orchestrator.rest.app import create_rest_app
 from pretouch_orchestrator.rest.bodies import json_from_bytes
 from pydantic import TypeAdapter
-from records import a_record, after_a_scan
 
 from pretouch.errors import Malformed
 from pretouch.estimate import Prior

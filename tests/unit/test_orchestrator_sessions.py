@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.records import a_record
 from pretouch_orchestrator.sessions.manager import SessionManager
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.sqlite import SqliteStore, open_store
-from records import a_record
 
 from pretouch.serving import ServiceContext, Settings
 from pretouch.session import Skipped

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from helpers.rotated_shapes import rectangles, several, shapely_overlap
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_detector.overlap import common_areas, intersection_over_union
-from rotated_shapes import rectangles, several, shapely_overlap
 
 
 def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:

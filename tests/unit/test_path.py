@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, View, World, looking
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_orchestrator.planning.envelope import Margins
 from pretouch_orchestrator.planning.path import plan_paths
-from scenes import KINECT, Box, View, World, looking
 from scipy.spatial import KDTree
 
 from pretouch.camera import DepthImage

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, View, World, looking
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_orchestrator.perception.heightmap import HeightMap, build_height_map
 from pretouch_orchestrator.perception.shadow import compute_shadow_ceiling
-from scenes import KINECT, Box, View, World, looking
 from scipy import ndimage
 
 from pretouch.camera import DepthImage

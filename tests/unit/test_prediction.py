@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World
 from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.problem import Problem, pose_problem
 from pretouch_registrar.prediction import predicted_covariance
 from pretouch_registrar.ray_casting import cast
 from pretouch_registrar.registration import Registrar, Settings
-from scenes import KINECT, Box, World
 
 from pretouch.camera import DepthImage
 from pretouch.estimate import Prior, point_error

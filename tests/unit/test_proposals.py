@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from helpers.scenes import Box, World
 from pretouch_detector.model.weights import Weights
 from pretouch_detector.proposals import deep, propose, readiness, warm_up
 from pretouch_detector.proposals.random import AREA, MIN_OVERLAP
-from scenes import Box, World
 
 from pretouch.errors import InvalidInput, Unavailable
 from pretouch.rectangle import RotatedRectangle

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, World, looking
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import Engine, paper
 from pretouch_registrar.registration import Registrar, Settings
-from scenes import KINECT, Box, World, looking
 
 from pretouch.errors import PretouchError
 from pretouch.estimate import Prior, point_error

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from helpers.registration_probe import WORLD, line, session
+from helpers.scenes import World
 from pretouch_registrar.registration import Registrar, Settings
-from registration_probe import WORLD, line, session
-from scenes import World
 
 from pretouch.estimate import Estimate, Prior
 from pretouch.geometry import Array, Pose

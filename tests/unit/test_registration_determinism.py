@@ -4,8 +4,8 @@ import os
 
 import numpy as np
 import pytest
+from helpers.registration_probe import bits, session
 from pretouch_registrar.registration import Registrar
-from registration_probe import bits, session
 
 HALF_ANGLE = float(np.radians(12.5))
 

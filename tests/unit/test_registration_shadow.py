@@ -6,9 +6,9 @@ right in the shadow. Every return from there costs at the truth; together they m
 
 import numpy as np
 import pytest
+from helpers.registration_probe import WORLD, line
+from helpers.scenes import KINECT
 from pretouch_registrar.registration import Registrar, Settings
-from registration_probe import WORLD, line
-from scenes import KINECT
 
 from pretouch.geometry import Array
 from pretouch.tof import Sensor

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, View, World
 from pretouch_registrar import coarse as module
 from pretouch_registrar.coarse import coarse
 from pretouch_registrar.registration import Registrar, Settings
-from scenes import KINECT, Box, View, World
 
 from pretouch.camera import Camera
 from pretouch.geometry import Pose

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from helpers.scenes import Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.evidence import near_object
-from scenes import Box, World
 
 from pretouch.estimate import Prior
 from pretouch.geometry import Pose, rotation_from_vector

@@ -213,7 +213,7 @@ def test_no_damage_gets_past_the_readers(tmp_path: Path, data: st.DataObject) ->
 
 
 def test_the_simulations_own_meshes_are_read(tmp_path: Path) -> None:
-    from made_frame import write_mesh
+    from helpers.made_frame import write_mesh
 
     mesh: Mesh = MAKERS["box"]()
     write_mesh(tmp_path / "box.obj", mesh)

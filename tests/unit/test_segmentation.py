@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, View, World, looking
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from pretouch_orchestrator.perception.segmentation import find_object
-from scenes import KINECT, Box, View, World, looking
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.scenes import Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pretouch_orchestrator.perception.sensor_check import Diagnosis, Fault, diagnose, drop_modules, summarize
-from scenes import Box, World
 
 from pretouch.estimate import Estimate, Prior, from_prior
 from pretouch.geometry import Pose

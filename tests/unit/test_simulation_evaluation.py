@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_runs import KEY, run_of
+from helpers.made_runs import KEY, run_of
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.evaluation_pool import PartialResults, keys, run_all
 from pretouch_simulation.evaluation_protocol import Protocol, finger_of, request_of

@@ -1,6 +1,6 @@
 """Two engines by object: which one loses where."""
 
-from made_runs import KEY, run_of
+from helpers.made_runs import KEY, run_of
 from pretouch_simulation.evaluation_comparison import compare_engines, comparison_table
 
 BOX = KEY._replace(mesh="box")

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.made_runs import KEY, run_of
 from hypothesis import given
 from hypothesis import strategies as st
-from made_runs import KEY, run_of
 from PIL import Image
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.reliability import (

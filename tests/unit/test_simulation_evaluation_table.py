@@ -3,7 +3,7 @@
 from dataclasses import replace
 from io import StringIO
 
-from made_runs import KEY, ended, run_of
+from helpers.made_runs import KEY, ended, run_of
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_table import Table, by_object, by_scan, convergence_table, honesty_table
 from rich.console import Console

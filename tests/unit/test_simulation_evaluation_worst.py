@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_runs import KEY, run_of
+from helpers.made_runs import KEY, run_of
 from PIL import Image
 from pretouch_registrar.engines import Engine
 from pretouch_simulation.evaluation import Step, run_steps

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_frame import write_frame
+from helpers.made_frame import write_frame
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.evaluation import Subject
 from pretouch_simulation.evaluation_tasks import FrameTask, MeshTask, frame_tasks

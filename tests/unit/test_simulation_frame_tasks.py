@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from made_frame import write_frame
+from helpers.made_frame import write_frame
 from pretouch_simulation.evaluation_tasks import FrameTask, frame_tasks
 from pretouch_simulation.frame_folder import frames_in
 from pretouch_simulation.frames import load_frame

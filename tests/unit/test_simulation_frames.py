@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_frame import write_frame
+from helpers.made_frame import write_frame
 from pretouch_simulation.frames import frame_case, load_frame
 from pretouch_simulation.protocol import PLACE
 

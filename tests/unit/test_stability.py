@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import KINECT, Box, View, World, looking
 from pretouch_detector.proposals import propose
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_orchestrator.planning.path import plan_paths
 from pretouch_registrar.registration import Registrar, Settings
-from scenes import KINECT, Box, View, World, looking
 from scipy.stats import spearmanr
 
 from pretouch.estimate import Prior, from_prior

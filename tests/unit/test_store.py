@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.records import a_record, after_a_scan
 from pretouch_orchestrator.store.protocol import Event, KeyedRequest, NewEvent
 from pretouch_orchestrator.store.sqlite import FILE_NAME, SqliteStore, load_migrations, open_store
-from records import a_record, after_a_scan
 
 from pretouch.errors import NotFound, Unavailable
 from pretouch.v1 import orchestrator_pb2

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from helpers.rotated_shapes import drawn, several, shapely_overlap
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pretouch_detector.suppression import MAX_OVERLAP, suppress_overlapping
-from rotated_shapes import drawn, several, shapely_overlap
 
 
 def by_definition(shared: np.ndarray, count: int) -> list[int]:

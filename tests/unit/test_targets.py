@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.scenes import Box, World
 from pretouch_detector.model.encoding import CHANNELS, SIZE
 from pretouch_detector.proposals.information import remaining_error
 from pretouch_detector.training.dataset import Dataset, Example, write
 from pretouch_detector.training.targets import ACHIEVED, EXPECTED, PREDICTED, load, targets_of
-from scenes import Box, World
 
 from pretouch.errors import InvalidInput
 from pretouch.tof import Sensor

@@ -7,10 +7,10 @@ import json
 from typing import Any
 
 import numpy as np
-from box_session import DEPTH, MASK, request
-from box_view import png
 from google.protobuf.message import Message
 
+from helpers.box_session import DEPTH, MASK, request
+from helpers.box_view import png
 from pretouch.geometry import Plane, Pose
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.wire.common import array_to_proto

@@ -19,10 +19,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 import structlog
-from gateway_recordings import T0, made_batch, made_configuration
 from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.recorder import Recorder
 from pretouch_sensor_gateway.recording.writer import RecordingWriter
+
+from helpers.gateway_recordings import T0, made_batch, made_configuration
 
 
 def loop(folder: Path) -> None:

@@ -16,7 +16,7 @@ from pretouch_sensor_gateway.wire_formats.binary import FrameDecoder
 from pretouch_sensor_gateway.wire_formats.messages import Message
 from pretouch_sensor_gateway.wire_formats.parser import Measurement
 
-FIRMWARE = Path(__file__).parents[1] / "firmware"
+FIRMWARE = Path(__file__).parents[2] / "firmware"
 MODULES = 6
 SANITIZED = "-O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all"
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import box_view
 import httpx
+
+from helpers import box_view
 
 
 def opened(rest: httpx.Client, **changes: Any) -> dict[str, Any]:

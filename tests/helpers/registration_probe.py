@@ -4,8 +4,8 @@ import sys
 
 import numpy as np
 from pretouch_registrar.registration import Registrar, Settings
-from scenes import KINECT, Box, World
 
+from helpers.scenes import KINECT, Box, World
 from pretouch.estimate import Estimate
 from pretouch.geometry import Pose
 from pretouch.scene import Scene

@@ -11,10 +11,10 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from faulty_board import metres
 from grpc.aio import AioRpcError
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
 
+from helpers.faulty_board import metres
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import array_from_proto
 

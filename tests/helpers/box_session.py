@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scenes import Box, View, World
 
+from helpers.scenes import Box, View, World
 from pretouch.session import ScanPlan, SessionRequest
 from pretouch.tof import RangeSamples, Sensor
 

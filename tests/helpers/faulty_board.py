@@ -15,10 +15,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from links import Pty
 from pretouch_sensor_gateway.wire_formats.binary import END, FrameDecoder, encode
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, Identify, Message, Ping
 from pretouch_sensor_gateway.wire_formats.parser import Identity, Measurement, PingReply
+
+from helpers.links import Pty
 
 FIRST_SERIAL, OTHER_SERIAL = "00000000000000aa", "00000000000000bb"
 PAUSE = 0.005

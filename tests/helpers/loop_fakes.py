@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
-from scenes import Box, View, World
 
+from helpers.scenes import Box, View, World
 from pretouch.errors import Unavailable
 from pretouch.estimate import Estimate, Prior, from_prior, point_error
 from pretouch.geometry import Plane, Pose

@@ -12,10 +12,10 @@ from typing import Any
 
 import grpc.aio
 import structlog.testing
-from faulty_listener import Listener
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.service import serve
 
+from helpers.faulty_listener import Listener
 from pretouch.channel import open_channel
 from pretouch.serving import Settings, started
 from pretouch.v1 import sensor_gateway_pb2 as pb

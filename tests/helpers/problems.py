@@ -8,8 +8,8 @@ from typing import Any
 import grpc
 import httpx
 from google.protobuf.message import Message
-from processes import Orchestrator
 
+from helpers.processes import Orchestrator
 from pretouch.channel import open_sync_channel
 from pretouch.errors import PROBLEM_METADATA_KEY, PretouchError, problem, wire_of
 from pretouch.v1.orchestrator_pb2_grpc import OrchestratorServiceStub

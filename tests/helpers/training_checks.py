@@ -1,4 +1,4 @@
-"""What is checked with torch, in a process of its own: python tests/training_checks.py NAME FOLDER.
+"""What is checked with torch, in a process of its own: python -m helpers.training_checks NAME FOLDER.
 
 torch and open3d are never in one process, and the suite's process has open3d.
 """
@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import torch
 import typer
-from label_cases import example
 from pretouch_detector.model.encoding import CHANNELS, SIZE, Encoding
 from pretouch_detector.model.scorer import OUTPUTS, Scorer, perimeter
 from pretouch_detector.model.weights import FOLDER, load
@@ -26,6 +25,7 @@ from safetensors.torch import load_file
 from torch import distributed
 from typer.testing import CliRunner
 
+from helpers.label_cases import example
 from pretouch.errors import Conflict, Malformed, NotFound
 from pretouch.rectangle import RotatedRectangle
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import box_view
-import fake_upstream
 import numpy as np
 from pretouch_orchestrator.sessions.record import Record
 
+from helpers import box_view, fake_upstream
 from pretouch.camera import DepthImage
 from pretouch.errors import Internal, problem
 from pretouch.estimate import Mode
