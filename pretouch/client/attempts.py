@@ -3,14 +3,15 @@ again: reads change nothing, a scan is known by its id, a session's creation by 
 
 from __future__ import annotations
 
-import random
 import time
 from typing import Final
 
+from pretouch.backoff import Backoff
 from pretouch.errors import DeadlineExceeded, Overloaded, PretouchError, Unavailable
 
 _FIRST_DELAY: Final = 0.2
-_MOST_DELAY: Final = 2.0
+_MAX_DELAY: Final = 2.0
+_JITTER: Final = 0.25
 _RETRIES: Final = 5
 
 
@@ -20,6 +21,7 @@ class Attempts:
     def __init__(self, timeout: float) -> None:
         self._end = time.monotonic() + timeout
         self._failed = 0
+        self._backoff = Backoff(_FIRST_DELAY, _MAX_DELAY, _JITTER)
         self._last: PretouchError | None = None
 
     def remaining(self) -> float:
@@ -35,7 +37,7 @@ class Attempts:
         """
         if isinstance(error, DeadlineExceeded) and self._last is not None:
             raise self._last from error
-        delay = min(_FIRST_DELAY * 2.0**self._failed, _MOST_DELAY) * random.uniform(0.75, 1.0)
+        delay = self._backoff.next_delay()
         self._failed += 1
         passing = isinstance(error, Unavailable | Overloaded)
         if not passing or self._failed > _RETRIES or delay >= self.remaining():

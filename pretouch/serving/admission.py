@@ -10,11 +10,27 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from pretouch.errors import DeadlineExceeded, PretouchError, Unauthenticated, Unavailable
 
 
+class TokenCheck:
+    """Compares what a call or request carries as `authorization` with the service's token, in constant time."""
+
+    def __init__(self, token: str | None) -> None:
+        self._expected = None if token is None else f"Bearer {token}".encode()
+
+    def refusal(self, authorization: bytes) -> Unauthenticated | None:
+        """The error for a caller with this authorization, b"" for none; None if it is accepted."""
+        if self._expected is None or hmac.compare_digest(authorization, self._expected):
+            return None
+        return Unauthenticated(
+            f"The call carries {'a wrong' if authorization else 'no'} token.",
+            "Send `authorization: Bearer TOKEN` with the token that the service was started with.",
+        )
+
+
 class AdmissionControl:
     """Accepts calls that carry the token while the service serves, and ends those under way when it drains."""
 
     def __init__(self, token: str | None) -> None:
-        self._token = None if token is None else f"Bearer {token}".encode()
+        self._token_check = TokenCheck(token)
         self._closed: str | None = "The service is still warming up."
         self._under_way = 0
         self._empty = asyncio.Event()
@@ -28,14 +44,9 @@ class AdmissionControl:
 
     def refusal(self, authorization: str) -> PretouchError | None:
         """The error (`Unauthenticated`, `Unavailable`) for a call with this authorization; None if it is accepted."""
-        if self._token is not None and not hmac.compare_digest(authorization.encode(), self._token):
-            return Unauthenticated(
-                "The call carries a wrong token." if authorization else "The call carries no token.",
-                "Send 'authorization: Bearer TOKEN' with the token that the service was started with.",
-            )
-        if self._closed is not None:
-            return Unavailable(self._closed, "Try again in a few seconds.")
-        return None
+        if (refusal := self._token_check.refusal(authorization.encode())) is not None:
+            return refusal
+        return None if self._closed is None else Unavailable(self._closed, "Try again in a few seconds.")
 
     @contextmanager
     def track_call(self) -> Iterator[None]:

@@ -13,9 +13,10 @@ from typing import Any
 
 import structlog
 
+from pretouch.backoff import Backoff
 from pretouch.errors import Unavailable
 
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.5, 15.0  # s before a restart, doubled each time
+_FIRST_DELAY, _MAX_DELAY = 0.5, 15.0  # s before a restart
 _STABLE = 60.0  # s after which a child that ends counts as a new fault
 _KILL_AFTER = 12.0  # s from SIGTERM to SIGKILL: a service's grace and some more
 _LINE_LIMIT = 16 * 1024 * 1024  # bytes of a log line
@@ -73,19 +74,19 @@ class Child:
             await self._keeping
 
     async def _keep(self) -> None:
-        pause, warned = _FIRST_PAUSE, False
+        backoff, warned = Backoff(_FIRST_DELAY, _MAX_DELAY), False
         while True:
             began = time.monotonic()
             how = await self._run()
             if not self._served.is_set():
                 raise Unavailable(f"The {self.name} {how} before it was ready.", "Its log above says why.")
             if time.monotonic() - began > _STABLE:
-                pause, warned = _FIRST_PAUSE, False
+                backoff.reset()
+                warned = False
             if not warned:
                 _log.warning("a service is restarted", child=self.name, reason=how)
                 warned = True
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, _LONGEST_PAUSE)
+            await asyncio.sleep(backoff.next_delay())
 
     async def _run(self) -> str:
         """How one run of the child ended."""

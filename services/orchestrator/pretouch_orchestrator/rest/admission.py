@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hmac
 import time
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pretouch.errors import Unauthenticated
 from pretouch.serving import ServiceContext
+from pretouch.serving.admission import TokenCheck
 from pretouch_orchestrator.rest.problems import problem_response
 
 OPEN_PATHS = ("/healthz", "/readyz")
@@ -22,7 +21,7 @@ class AdmissionMiddleware:
 
     def __init__(self, app: ASGIApp, context: ServiceContext) -> None:
         self._app = app
-        self._token = None if context.settings.token is None else f"Bearer {context.settings.token}".encode()
+        self._token_check = TokenCheck(context.settings.token)
         self._log = context.log
         self._requests = context.metrics.counter("http_requests", "REST requests that ended.", ("route", "status"))
         self._seconds = context.metrics.histogram("http_request_seconds", "Duration of REST requests.", ("route",))
@@ -41,7 +40,8 @@ class AdmissionMiddleware:
             await send(message)
 
         try:
-            app = self._app if self._admits(scope) else problem_response(_refusal(scope))
+            refusal = None if scope["path"] in OPEN_PATHS else self._token_check.refusal(_authorization(scope))
+            app = self._app if refusal is None else problem_response(refusal)
             await app(scope, receive, send_and_note_status)
         finally:
             seconds = time.perf_counter() - began
@@ -53,17 +53,6 @@ class AdmissionMiddleware:
                     "request", method=scope["method"], path=scope["path"], status=status, seconds=round(seconds, 6)
                 )
 
-    def _admits(self, scope: Scope) -> bool:
-        open_to_all = self._token is None or scope["path"] in OPEN_PATHS
-        return open_to_all or hmac.compare_digest(_authorization(scope), self._token or b"")
-
 
 def _authorization(scope: Scope) -> bytes:
     return bytes(dict(scope["headers"]).get(b"authorization", b""))
-
-
-def _refusal(scope: Scope) -> Unauthenticated:
-    return Unauthenticated(
-        "The request carries a wrong token." if _authorization(scope) else "The request carries no token.",
-        "Send `Authorization: Bearer TOKEN` with the token that the service was started with.",
-    )

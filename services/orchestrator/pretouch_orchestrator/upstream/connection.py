@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import random
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
@@ -12,6 +11,7 @@ import grpc.aio
 import structlog
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
+from pretouch.backoff import Backoff
 from pretouch.channel import SCAN_ID_METADATA, SESSION_ID_METADATA
 from pretouch.errors import (
     PROBLEM_METADATA_KEY,
@@ -27,7 +27,7 @@ Answer = TypeVar("Answer")
 
 PATIENCE = 5.0
 """s: how long calls are retried while their service is unavailable or busy; enough for it to restart."""
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.05, 1.0
+_FIRST_DELAY, _MAX_DELAY, _JITTER = 0.05, 1.0, 0.5
 _HEALTH_DEADLINE = 2.0
 _LOGGED_IDS = (("session", SESSION_ID_METADATA), ("scan", SCAN_ID_METADATA))
 
@@ -54,16 +54,16 @@ class UpstreamConnection:
         context = structlog.contextvars.get_contextvars()
         metadata = [(key, str(context[name])) for name, key in _LOGGED_IDS if name in context]
         now = asyncio.get_running_loop().time
-        started, pause = now(), _FIRST_PAUSE
+        started, backoff = now(), Backoff(_FIRST_DELAY, _MAX_DELAY, _JITTER)
         while True:
             try:
                 return await method(request, timeout=started + deadline - now(), metadata=metadata)
             except grpc.aio.AioRpcError as failure:
                 transient = isinstance(from_rpc_error(failure), Unavailable | Overloaded)
-                if not transient or now() + pause > started + min(PATIENCE, deadline):
+                delay = backoff.next_delay()
+                if not transient or now() + delay > started + min(PATIENCE, deadline):
                     raise self._explain(failure, deadline) from failure
-            await asyncio.sleep(pause * random.uniform(0.5, 1.0))
-            pause = min(2 * pause, _LONGEST_PAUSE)
+            await asyncio.sleep(delay)
 
     async def check(self) -> None:
         """Raises `Unavailable` unless the service reports that it serves."""

@@ -19,6 +19,7 @@ from typing import Protocol
 
 import structlog
 
+from pretouch.backoff import Backoff
 from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD, parse_address
 from pretouch_sensor_gateway.transport.port import Port, close_port, open_port
 from pretouch_sensor_gateway.transport.problem import describe_loss
@@ -96,14 +97,13 @@ class Link:
 
     async def run(self) -> None:
         """Keeps the port open until cancelled, then closes it."""
-        delay = FIRST_DELAY
+        backoff = Backoff(FIRST_DELAY, MAX_DELAY)
         try:
             while True:
                 await self._connect_once()
                 if self._data_received:
-                    delay = FIRST_DELAY
-                await asyncio.sleep(delay)
-                delay = min(2 * delay, MAX_DELAY)
+                    backoff.reset()
+                await asyncio.sleep(backoff.next_delay())
         finally:
             with suppress(TimeoutError):
                 async with asyncio.timeout(_PATIENCE):

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 import grpc
 import grpc.aio
 
+from pretouch.backoff import Backoff
 from pretouch.errors import (
     PROBLEM_METADATA_KEY,
     InvalidInput,
@@ -51,7 +52,7 @@ class Feed:
         Raises:
             PretouchError: an error that a retry does not fix: a wrong token, no such device, no gateway there.
         """
-        delay = FIRST_DELAY
+        backoff = Backoff(FIRST_DELAY, MAX_DELAY)
         while True:
             errors: list[Exception] = []
             try:
@@ -59,12 +60,11 @@ class Feed:
             except* (grpc.RpcError, PretouchError) as group:
                 errors += group.exceptions
             if self._watch.connected:
-                delay = FIRST_DELAY
+                backoff.reset()
             problem = self._describe(errors[0])
-            now = time.monotonic()
+            now, delay = time.monotonic(), backoff.next_delay()
             self._watch.take_failure(problem, now + delay, now)
             await asyncio.sleep(delay)
-            delay = min(2 * delay, MAX_DELAY)
 
     async def _follow_all(self) -> None:
         """Follows all devices until something fails."""
