@@ -92,7 +92,7 @@ def _ours(resources: Resources) -> dict[str, Callable[[RegistrationCase], Callab
         return prepare
 
     def planes(prepared: bool) -> Callable[[RegistrationCase], Callable[[], Array]]:
-        prior = np.array([Prior().rotation_std ** -2.0] * 3 + [Prior().translation_std ** -2.0] * 3)
+        prior = Prior().inverse_variances()
 
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
             known = point_to_plane.planes_of(case.target, case.normals)

@@ -53,7 +53,7 @@ def _pcl(source: Array, target: Array, _: Array) -> None:
 
 def _point_to_plane(source: Array, target: Array, normals: Array) -> None:
     planes = point_to_plane.planes_of(target, normals)
-    prior = np.array([Prior().rotation_std ** -2.0] * 3 + [Prior().translation_std ** -2.0] * 3)
+    prior = Prior().inverse_variances()
     point_to_plane.match(source, np.ones(len(source)), planes, np.zeros(3), prior, _PLANE_NOISE, np.zeros(6))
 
 

@@ -46,6 +46,10 @@ class Prior:
         """6x6, order (rotation vector, translation)."""
         return np.diag([self.rotation_std**2] * 3 + [self.translation_std**2] * 3)
 
+    def inverse_variances(self) -> Array:
+        """(6,), the diagonal of the inverse covariance, in the same order."""
+        return np.array([self.rotation_std**-2.0] * 3 + [self.translation_std**-2.0] * 3)
+
 
 @dataclass(frozen=True, eq=False)
 class WeakDirection:

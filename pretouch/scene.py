@@ -13,6 +13,10 @@ from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, Plane, Pose
 
 MIN_OBJECT_PIXELS = 50
+SCAN_MARGIN = 0.015
+"""m around the object, in the table's plane, that scans cover; farther away they give little information."""
+TABLE_BAND = 0.015
+"""m from the table's plane within which a pixel beside the object shows the table."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from pretouch.estimate import Prior
 from pretouch.geometry import Array
-from pretouch.scene import Scene
+from pretouch.scene import SCAN_MARGIN, Scene
 from pretouch.tof import Sensor
 from pretouch_detector.proposals.displaced import mean_square
 from pretouch_detector.proposals.paths import perimeter_paths
@@ -36,8 +36,6 @@ _BEAMS = 30
 """Beams that are evaluated for each candidate, evenly along its path."""
 _INDEPENDENT, _INDEPENDENT_LENGTH, _INDEPENDENT_POWER = 12.0, 0.2, 0.3
 """Independent beams on a path of 0.2 m, and how their number grows with the length: neighbours share errors."""
-_NEAR_OBJECT = 0.015
-"""m from the object, over the ground, beyond which nothing is scanned."""
 _CLEARANCE, _CLEARED = 0.055, 0.03
 """m that the tip is above the highest point, within so many metres of the beam."""
 _RINGS, _HEADINGS = (0.6, 1.5), 8
@@ -61,7 +59,7 @@ def remaining_error(scene: Scene, sensor: Sensor, rectangles: Array, prior: Prio
     seen = relief(scene)
     boxes = np.ascontiguousarray(rectangles, dtype=np.float64)
     ways, lengths = perimeter_paths(
-        boxes, seen.places, seen.first, seen.step, seen.away, seen.corner, seen.cell, _NEAR_OBJECT, _BEAMS
+        boxes, seen.places, seen.first, seen.step, seen.away, seen.corner, seen.cell, SCAN_MARGIN, _BEAMS
     )
     independent = _INDEPENDENT * (lengths / _INDEPENDENT_LENGTH) ** _INDEPENDENT_POWER / _BEAMS
     shifts = _DISPLACED * (prior.translation_std, prior.translation_std, prior.rotation_std)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pretouch.geometry import Array
-from pretouch.scene import Scene
+from pretouch.scene import TABLE_BAND, Scene
 from pretouch_detector.proposals.from_above import from_above
 
 AROUND = 0.05
@@ -19,8 +19,6 @@ _MAX_CELLS = 160
 """Along one side; a larger object gets larger cells."""
 _MOST_PIXELS = 100_000
 """A larger view is subsampled: every second pixel in each direction, or every third, and so on."""
-_TABLE_BAND = 0.015
-"""m from the table's plane within which a pixel beside the object shows the table."""
 _CLOSING = 2
 """Cells: narrower gaps between pixels' points are closed."""
 
@@ -71,7 +69,7 @@ def relief(scene: Scene) -> Relief:
     table_T_camera = table_T_base @ scene.base_T_camera
     shift = table_T_camera.translation - (centroid[0], centroid[1], 0.0)
     places, top, ground = from_above(
-        depth, mask, camera, table_T_camera.rotation, shift, _TABLE_BAND, corner, cell, (nx, ny)
+        depth, mask, camera, table_T_camera.rotation, shift, TABLE_BAND, corner, cell, (nx, ny)
     )
     on = ndimage.binary_closing(np.isfinite(top), iterations=_CLOSING)
     return Relief(

@@ -11,17 +11,13 @@ from scipy import ndimage
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Pose
 from pretouch.rectangle import RotatedRectangle
-from pretouch.scene import Scene
+from pretouch.scene import SCAN_MARGIN, TABLE_BAND, Scene
 from pretouch.session import ScanSettings
 from pretouch.trajectory import Trajectory
 from pretouch_orchestrator.perception.heightmap import HeightMap, build_height_map
 from pretouch_orchestrator.perception.table import table_covariance
 from pretouch_orchestrator.planning.envelope import SAFE, Margins, compute_reach, compute_tip_floor, lateral_std
 
-_MAX_OBJECT_DISTANCE = 0.015
-"""m from the object, in the table's plane, beyond which a path gives little information."""
-_TABLE_BAND = 0.015
-"""m from the table's plane within which a pixel beside the object shows the table."""
 _OCCLUDER_MARGIN = 0.06
 """m beyond the path's reach within which things may occlude the surface below the path."""
 _SMOOTHING_WINDOW = 5
@@ -60,9 +56,9 @@ def plan_paths(
     base_T_table = scene.table.frame()
     points = base_T_table.inverse().apply(scene.organised)
     reach = _compute_path_reach(points[scene.mask], base_T_table, estimate, margins)
-    surface = build_height_map(scene, _MAX_OBJECT_DISTANCE + reach + _OCCLUDER_MARGIN)
+    surface = build_height_map(scene, SCAN_MARGIN + reach + _OCCLUDER_MARGIN)
     floor = compute_tip_floor(surface, estimate, reach + 2 * surface.cell, settings.standoff, margins)
-    shown = (scene.depth.metres > 0) & (scene.mask | (np.abs(points[..., 2]) < _TABLE_BAND))
+    shown = (scene.depth.metres > 0) & (scene.mask | (np.abs(points[..., 2]) < TABLE_BAND))
     base_T_map = estimate.base_T_correction @ base_T_table
     grounds = [_trace_ground_path(rectangle, points[..., :2], shown, surface) for rectangle in rectangles]
     return [
@@ -73,7 +69,7 @@ def plan_paths(
 
 def _compute_path_reach(body: Array, base_T_table: Pose, estimate: Estimate, margins: Margins) -> float:
     """m around the beam within which heights count; `body` (n, 3), m: the object's points in the table's frame."""
-    low, high = body.min(axis=0) - _MAX_OBJECT_DISTANCE, body.max(axis=0) + _MAX_OBJECT_DISTANCE
+    low, high = body.min(axis=0) - SCAN_MARGIN, body.max(axis=0) + SCAN_MARGIN
     corners = np.stack(np.meshgrid(*np.stack([low, high], axis=1)), axis=-1).reshape(-1, 3)
     arms = corners - base_T_table.inverse().apply(estimate.centroid)
     return compute_reach(lateral_std(table_covariance(base_T_table, estimate), arms), margins)
@@ -104,7 +100,7 @@ def _trace_ground_path(
     away = surface.object_distance[surface.index(loop)]
     if away.min() > 2 * surface.cell:
         return None
-    line = _cut_open(loop, away <= _MAX_OBJECT_DISTANCE)
+    line = _cut_open(loop, away <= SCAN_MARGIN)
     path = _resample(line, _WAYPOINT_SPACING, _MAX_WAYPOINTS)
     return path if len(path) > 2 else None
 

@@ -163,7 +163,7 @@ class _Work:
         moved = np.einsum("tij,nj->tni", turns, points - centre) + centre + self.moves[:, None, 3:]
         seen = view.camera.project(points).astype(np.float32)
         moved_seen = view.camera.project(moved).astype(np.float32)
-        prior = np.array([trials.prior.rotation_std**-2.0] * 3 + [trials.prior.translation_std**-2.0] * 3)
+        prior = trials.prior.inverse_variances()
         tiles = in_tiles(seen)
         self._points: tuple[Any, ...] = points, np.ascontiguousarray(normals, dtype=np.float64), seen
         self._moved: tuple[Any, ...] = (

@@ -43,20 +43,39 @@ def covariance_at(problem: Problem, x: Array, resources: Resources) -> Array:
     draws, fit = curvature_draws()
     free = problem.free()
     information, _, _ = normal_equations(x, supposing_likeliest(x, free))
-    covariance = _inverse(information / 2 + np.diag(problem.prior))
+    covariance = np.asarray(np.linalg.inv(information / 2 + np.diag(problem.prior)), dtype=np.float64)
     for _ in range(_ROUNDS):
         root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
         spread = draws @ root.T
         levels = spread_energies(np.concatenate([x + spread, x - spread]), free, resources)
         coefficients = fit @ (0.5 * (levels[:_PAIRS] + levels[_PAIRS:]))
-        hessian = np.zeros((6, 6))
-        hessian[np.triu_indices(6)] = coefficients[1:]
-        values, turn = np.linalg.eigh(hessian + hessian.T)
-        hessian = (turn * np.maximum(values, 0.0)) @ turn.T
-        whiten = _inverse(root)
-        curvature = np.asarray(whiten.T @ hessian @ whiten, dtype=np.float64)
-        covariance = _inverse(curvature + np.diag(problem.prior))
+        covariance = _covariance_of_quadratic(coefficients[1:], root, np.diag(problem.prior))
     return covariance
+
+
+def _covariance_of_quadratic(coefficients: Array, root: Array, precision: Array) -> Array:
+    """The covariance (6, 6) of a normal density with `precision` (6, 6) after a quadratic cost is added.
+
+    Args:
+        coefficients: (21,) of the products of components i <= j, row by row, in coordinates whitened by `root`.
+            Negative curvature counts as none.
+        root: (6, 6), the Cholesky factor of the covariance over which the quadratic was fitted.
+    """
+    hessian = np.zeros((6, 6))
+    n = 0
+    for i in range(6):
+        for j in range(i, 6):
+            hessian[i, j] += coefficients[n]
+            hessian[j, i] += coefficients[n]
+            n += 1
+    values, turn = np.linalg.eigh(hessian)
+    hessian = (turn * np.maximum(values, 0.0)) @ turn.T
+    whiten = np.linalg.inv(root)
+    covariance: Array = np.linalg.inv(whiten.T @ hessian @ whiten + precision)
+    return covariance
+
+
+_compiled_covariance_of_quadratic = njit(cache=True, nogil=True)(_covariance_of_quadratic)
 
 
 @njit(cache=True, nogil=True)
@@ -74,20 +93,6 @@ def covariance_after(x: Array, problem: Problem, precision: Array, draws: Array,
         spread = draws @ root.T
         levels = energies(np.concatenate((x + spread, x - spread)), problem)
         coefficients = fit @ (0.5 * (levels[:_PAIRS] + levels[_PAIRS:]))
-        hessian = np.zeros((6, 6))
-        n = 0
-        for i in range(6):
-            for j in range(i, 6):
-                hessian[i, j] += coefficients[n]
-                hessian[j, i] += coefficients[n]
-                n += 1
-        values, turn = np.linalg.eigh(hessian)
-        hessian = (turn * np.maximum(values, 0.0)) @ turn.T
-        whiten = np.linalg.inv(root)
-        covariance = np.linalg.inv(whiten.T @ hessian @ whiten + precision)
+        covariance = _compiled_covariance_of_quadratic(coefficients, root, precision)
     result: Array = covariance.astype(np.float64)
     return result
-
-
-def _inverse(matrix: Array) -> Array:
-    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)

@@ -259,7 +259,7 @@ def pose_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor
         float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), float(sensor.range_max),
     )  # fmt: skip
     table = Table(np.array(scene.table.normal), float(scene.table.offset))
-    inverse = np.array([prior.rotation_std**-2.0] * 3 + [prior.translation_std**-2.0] * 3)
+    inverse = prior.inverse_variances()
     cone = cone_of(sensor.beam_half_angle) if sensor.beam_half_angle > WIDE else thin_beam()
     target = Target(np.array(scene.centroid), optics, table, model.pixels, model.footprint)
     shared = shared_error(sensor, model.noise)
