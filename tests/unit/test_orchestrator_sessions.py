@@ -40,6 +40,8 @@ class AnswersOnly:
     """A loop that notes which scans were answered."""
 
     async def advance(self, record: Record, scan_id: str, submission: object) -> Record:
+        if scan_id in record.answered:
+            return record
         return replace(record, answered=(*record.answered, scan_id))
 
 
@@ -50,15 +52,34 @@ async def store(tmp_path: Path) -> AsyncIterator[SlowToRead]:
         yield SlowToRead(opened)
 
 
+async def read_skipped() -> Skipped:
+    return Skipped()
+
+
+async def read_nothing() -> Skipped:
+    raise AssertionError("a repeated submission was read")
+
+
 async def test_a_look_that_began_before_a_step_does_not_undo_it(store: SlowToRead) -> None:
     context = ServiceContext("orchestrator", Settings())
     sessions = SessionManager(store, AnswersOnly(), context)  # type: ignore[arg-type]
-    look = asyncio.create_task(sessions.find_answered("one", "a"))
+    late = asyncio.create_task(sessions.submit("one", "a", read_skipped))
     await store.reading.wait()
-    await sessions.submit("one", "a", Skipped())
+    await sessions.submit("one", "a", read_skipped)
     store.go.set()
-    assert await look is None
-    await asyncio.gather(sessions.submit("one", "b", Skipped()), sessions.submit("one", "c", Skipped()))
-    assert set((await store.load_record("one")).answered) == {"a", "b", "c"}
+    await late
+    await asyncio.gather(sessions.submit("one", "b", read_skipped), sessions.submit("one", "c", read_skipped))
+    assert sorted((await store.load_record("one")).answered) == ["a", "b", "c"]
+    await sessions.close()
+    context.close()
+
+
+async def test_a_repeated_submission_is_not_read(store: SlowToRead) -> None:
+    store.go.set()
+    context = ServiceContext("orchestrator", Settings())
+    sessions = SessionManager(store, AnswersOnly(), context)  # type: ignore[arg-type]
+    first = await sessions.submit("one", "a", read_skipped)
+    again = await sessions.submit("one", "a", read_nothing)
+    assert (again.id, again.scans) == (first.id, first.scans)
     await sessions.close()
     context.close()

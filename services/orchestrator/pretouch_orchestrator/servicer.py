@@ -84,11 +84,9 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         return await self._sessions.create(wanted, values, mask, request.idempotency_key or None)
 
     async def _submit(self, session_id: str, request: pb.SubmitScanRequest) -> Session:
-        session = await self._sessions.find_answered(session_id, request.scan_id)
-        if session is None:
-            submission = await self._context.run_in_thread(submission_from_proto, request)
-            session = await self._sessions.submit(session_id, request.scan_id, submission)
-        return session
+        return await self._sessions.submit(
+            session_id, request.scan_id, lambda: self._context.run_in_thread(submission_from_proto, request)
+        )
 
 
 async def _take_until(stop: asyncio.Event, requests: AsyncIterator[pb.RunSessionRequest]) -> AsyncIterator[Any]:

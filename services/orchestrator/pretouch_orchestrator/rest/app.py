@@ -139,11 +139,11 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     )
     async def submit_scan(request: Request, session_id: str, scan_id: str) -> Response:
         """Takes what the finger measured along the planned path. Repeating a scan returns the present session."""
-        session = await sessions.find_answered(session_id, scan_id)
-        if session is None:
-            submission = await context.run_in_thread(_decode_submission, await read_json(request))
-            session = await sessions.submit(session_id, scan_id, submission)
-        return JSONResponse(session_to_json(session))
+
+        async def read() -> Submission:
+            return await context.run_in_thread(_decode_submission, await read_json(request))
+
+        return JSONResponse(session_to_json(await sessions.submit(session_id, scan_id, read)))
 
 
 def _decode_creation(

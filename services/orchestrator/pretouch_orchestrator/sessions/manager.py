@@ -7,7 +7,7 @@ import hashlib
 import secrets
 import time
 from collections import OrderedDict
-from collections.abc import AsyncGenerator, Coroutine
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
 from contextlib import nullcontext
 from typing import Any, TypeVar
 from weakref import WeakValueDictionary
@@ -86,17 +86,11 @@ class SessionManager:
             )
         return await self._run_step("create", self._create(request, values, mask, key))
 
-    async def find_answered(self, session_id: str, scan_id: str) -> Session | None:
-        """The present session if the scan was answered before; else None. It spares reading a repeated submission.
-
-        Raises:
-            NotFound: no such session.
-        """
-        record = self._cache.get(session_id) or await self._store.load_record(session_id)
-        return record.to_session() if scan_id in record.answered else None
-
-    async def submit(self, session_id: str, scan_id: str, submission: Submission) -> Session:
+    async def submit(self, session_id: str, scan_id: str, read: Callable[[], Awaitable[Submission]]) -> Session:
         """The session after its planned scan was answered; the present session if the scan was answered before.
+
+        Args:
+            read: reads and decodes what the client sent; not called for a scan that was answered before.
 
         Raises:
             NotFound: no such session or scan.
@@ -104,6 +98,10 @@ class SessionManager:
             InvalidInput: the submission cannot be used.
             Unavailable: an upstream service is not available; the session is unchanged.
         """
+        record = self._cache.get(session_id) or await self._store.load_record(session_id)
+        if scan_id in record.answered:
+            return record.to_session()
+        submission = await read()
         with structlog.contextvars.bound_contextvars(session=session_id, scan=scan_id):
             return await self._run_step("scan", self._submit(session_id, scan_id, submission))
 
