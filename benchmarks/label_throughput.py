@@ -30,7 +30,7 @@ from matplotlib.figure import Figure
 from pretouch_detector.proposals.random import draw_rectangles
 from pretouch_detector.training.trials import NOISE, draw_offsets, view_of
 from pretouch_registrar.engines import camera_model
-from pretouch_registrar.engines.label_trials import Matching, Trials, best, scores
+from pretouch_registrar.engines.label_trials import Matching, TrialSettings, compute_scores, find_best
 from pretouch_simulation.labels.task import tasks_of
 from pretouch_simulation.labels.view import view_of as seen_by_a_session
 from pretouch_simulation.mesh_folder import meshes_in
@@ -118,10 +118,10 @@ def _image(
     scene: Scene, rectangles: int, trials: int, matching: Matching, threads: int, rng: np.random.Generator
 ) -> dict[str, Callable[[], object]]:
     boxes, moves = draw_rectangles(scene, rectangles, rng), draw_offsets(trials, rng)
-    view, how = view_of(scene, matching), Trials(matching, NOISE)
+    view, how = view_of(scene, matching), TrialSettings(matching, NOISE)
     return {
-        "all": lambda: scores(view, boxes, moves, how, threads),
-        "best": lambda: best(view, boxes, moves, how, threads),
+        "all": lambda: compute_scores(view, boxes, moves, how, threads),
+        "best": lambda: find_best(view, boxes, moves, how, threads),
     }
 
 
@@ -130,7 +130,7 @@ def _cases(scene: Scene, rng: np.random.Generator) -> Iterator[RegistrationCase]
     boxes, moves = draw_rectangles(scene, _PCL_MATCHES, rng), draw_offsets(_PCL_MATCHES, rng)
     cloud = scene.camera.organised(scene.depth.metres)[scene.mask]
     seen, centre = scene.camera.project(cloud), cloud.mean(axis=0)
-    model, how = camera_model.build(scene), Trials()
+    model, how = camera_model.build(scene), TrialSettings()
     for box, move in zip(boxes, moves, strict=True):
         turn = Pose.from_rotation_vector(move[:3], (0, 0, 0))
         truth = Pose.of(turn.rotation, centre + move[3:] - turn.apply(centre))

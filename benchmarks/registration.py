@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 from pretouch_registrar.engines import SOLVERS, Engine, camera_model, icp, pcl, point_to_plane
-from pretouch_registrar.engines.neighbours import Index, index_of
-from pretouch_registrar.engines.problem import pose_problem
+from pretouch_registrar.engines.neighbours import Index, build_index
+from pretouch_registrar.engines.registration_problem import build_problem
 from pretouch_registrar.engines.resources import Resources
-from pretouch_registrar.engines.solution import pose_of
+from pretouch_registrar.engines.solution import pose_from_correction
 
 from benchmarks import registration_peers as peers
 from benchmarks.registration_cases import RegistrationCase, make_cases
@@ -76,11 +76,11 @@ def _ours(resources: Resources) -> dict[str, Callable[[RegistrationCase], Callab
     def points(name: str, prepared: bool) -> Callable[[RegistrationCase], Callable[[], Array]]:
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
             target = case.target.astype(np.float32).astype(np.float64) if name == "pcl" else case.target
-            known = index_of(target)
+            known = build_index(target)
 
             def match() -> Array:
                 r, t = np.eye(3), np.zeros(3)
-                index: Index = known if prepared else index_of(target)
+                index: Index = known if prepared else build_index(target)
                 if name == "pcl":
                     pcl.match(case.source, index, r, t)
                 else:
@@ -95,15 +95,15 @@ def _ours(resources: Resources) -> dict[str, Callable[[RegistrationCase], Callab
         prior = Prior().inverse_variances()
 
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
-            known = point_to_plane.planes_of(case.target, case.normals)
+            known = point_to_plane.make_planes(case.target, case.normals)
             centroid = case.model.scene.centroid
             shares = np.ones(len(case.source))
 
             def match() -> Array:
-                planes = known if prepared else point_to_plane.planes_of(case.target, case.normals)
+                planes = known if prepared else point_to_plane.make_planes(case.target, case.normals)
                 x = np.zeros(6)
                 point_to_plane.match(case.source, shares, planes, centroid, prior, _PLANE_NOISE, x)
-                return pose_of(x, centroid).inverse().matrix
+                return pose_from_correction(x, centroid).inverse().matrix
 
             return match
 
@@ -112,10 +112,12 @@ def _ours(resources: Resources) -> dict[str, Callable[[RegistrationCase], Callab
     def engine(name: Engine) -> Callable[[RegistrationCase], Callable[[], Array]]:
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
             scan = Scan.of_points(case.source, -case.model.scene.table.normal)
-            problem = pose_problem(case.model, [scan], Prior(), Sensor())
+            problem = build_problem(case.model, [scan], Prior(), Sensor())
             SOLVERS[name](problem, case.model, resources)
             centroid = problem.target.centroid
-            return lambda: pose_of(SOLVERS[name](problem, case.model, resources).x, centroid).inverse().matrix
+            return lambda: (
+                pose_from_correction(SOLVERS[name](problem, case.model, resources).x, centroid).inverse().matrix
+            )
 
         return prepare
 

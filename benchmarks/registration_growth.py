@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from pretouch_registrar.engines import icp, pcl, point_to_plane
-from pretouch_registrar.engines.neighbours import index_of, thinned
+from pretouch_registrar.engines.neighbours import build_index, subsample
 
 from pretouch.estimate import Prior
 from pretouch.geometry import Array, Pose
@@ -42,7 +42,7 @@ def _surface(count: int, rng: np.random.Generator) -> tuple[Array, Array]:
 
 def _point(trimmed: bool) -> Callable[[Array, Array, Array], None]:
     def match(source: Array, target: Array, _: Array) -> None:
-        icp.align(source, index_of(thinned(target)), trimmed, np.eye(3), np.zeros(3))
+        icp.align(source, build_index(subsample(target)), trimmed, np.eye(3), np.zeros(3))
 
     return match
 
@@ -52,7 +52,7 @@ def _pcl(source: Array, target: Array, _: Array) -> None:
 
 
 def _point_to_plane(source: Array, target: Array, normals: Array) -> None:
-    planes = point_to_plane.planes_of(target, normals)
+    planes = point_to_plane.make_planes(target, normals)
     prior = Prior().inverse_variances()
     point_to_plane.match(source, np.ones(len(source)), planes, np.zeros(3), prior, _PLANE_NOISE, np.zeros(6))
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_registrar.engines import Engine
-from pretouch_registrar.engines.solution import pose_of
+from pretouch_registrar.engines.solution import pose_from_correction
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.geometry import Array
@@ -138,9 +138,9 @@ def _flat_share(case: Case, scan: Scan, kinds: NDArray[np.str_]) -> float:
 def _second_place(case: Case, record: Record, engine: Engine) -> tuple[float, float] | None:
     """Distance of the engine's second mode from its best one, and its error, m; None without a second mode."""
     settings = Settings(engine, record.request.prior, record.request.sensor)
-    others = Registrar().solution_of(record.scene, record.measured, settings).others
+    others = Registrar().solve(record.scene, record.measured, settings).other_modes
     if len(others) == 0:
         return None
-    second = pose_of(others[0], record.scene.centroid)
+    second = pose_from_correction(others[0], record.scene.centroid)
     apart = second.apply(case.cloud) - record.estimate.base_T_correction.apply(case.cloud)
     return float(np.linalg.norm(apart, axis=1).mean()), case.error(second)

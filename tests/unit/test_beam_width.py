@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.scenes import KINECT, Box, World
-from pretouch_registrar.engines.beam_width import SUPPOSED_HALF_ANGLE
+from pretouch_registrar.engines.beam_width import ASSUMED_HALF_ANGLE
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.estimate import Estimate, Prior
@@ -15,7 +15,7 @@ from pretouch.tof import Scan, Sensor
 
 REGISTRAR = Registrar()
 THIN = Sensor()
-CONE = Sensor(beam_half_angle=SUPPOSED_HALF_ANGLE)
+CONE = Sensor(beam_half_angle=ASSUMED_HALF_ANGLE)
 OBJECT = (Box.standing((0.10, 0.06, 0.05), (0.0, 0.0), 0.4), Box.standing((0.03, 0.03, 0.02), (0.25, 0.25)))
 LINES = (((-0.09, -0.01), (0.09, 0.01)), ((0.01, -0.09), (-0.01, 0.09)), ((-0.08, 0.05), (0.08, -0.04)))
 CORRECTIONS = (

@@ -10,7 +10,7 @@ from pretouch_registrar.engines.camera_noise import (
     UNKNOWN_PATCH,
     UNKNOWN_PIXEL,
     CameraNoise,
-    camera_noise,
+    measure_camera_noise,
 )
 
 from pretouch.camera import DepthImage
@@ -58,7 +58,7 @@ def pixels_of_a_patch(scene: Scene) -> float:
 @pytest.mark.parametrize("std", [0.0008, 0.002, 0.0035])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_noise_of_single_pixels_averages_out_over_a_patch(clean: Scene, std: float, seed: int) -> None:
-    found = camera_noise(raised(clean, white(clean, std, seed)))
+    found = measure_camera_noise(raised(clean, white(clean, std, seed)))
     assert found.pixel == pytest.approx(std, rel=0.25)
     averaged = std / np.sqrt(pixels_of_a_patch(clean))
     assert found.patch == pytest.approx(max(averaged, 0.0002), rel=0.3)
@@ -69,7 +69,7 @@ def test_noise_of_single_pixels_averages_out_over_a_patch(clean: Scene, std: flo
 def test_an_error_that_patches_share_is_measured_under_noise_of_their_pixels(
     clean: Scene, std: float, seed: int
 ) -> None:
-    found = camera_noise(raised(clean, of_patches(clean, std, seed) + white(clean, 0.001, seed)))
+    found = measure_camera_noise(raised(clean, of_patches(clean, std, seed) + white(clean, 0.001, seed)))
     assert found.patch == pytest.approx(std, rel=0.25)
     assert found.pixel == pytest.approx(np.hypot(std, 0.001), rel=0.25)
 
@@ -77,7 +77,7 @@ def test_an_error_that_patches_share_is_measured_under_noise_of_their_pixels(
 def test_a_table_that_was_put_a_little_wrong_is_not_taken_for_noise(clean: Scene) -> None:
     noisy = raised(clean, white(clean, 0.001, 3))
     tilted = replace(noisy, table=clean.table.moved(Pose.from_rotation_vector((0.008, -0.005, 0.0), (0, 0, 0.002))))
-    np.testing.assert_allclose(camera_noise(tilted), camera_noise(noisy), rtol=0.1)
+    np.testing.assert_allclose(measure_camera_noise(tilted), measure_camera_noise(noisy), rtol=0.1)
 
 
 def test_what_lies_flat_on_the_table_is_not_taken_for_noise(clean: Scene) -> None:
@@ -85,25 +85,25 @@ def test_what_lies_flat_on_the_table_is_not_taken_for_noise(clean: Scene) -> Non
     place = clean.organised
     sheet = (np.abs(place[..., 0]) < 0.03) & (np.abs(place[..., 1] - 0.1) < 0.03) & ~clean.mask
     assert sheet.sum() > 300
-    found = camera_noise(raised(clean, noise + np.where(sheet, 0.006, 0.0)))
-    np.testing.assert_allclose(found, camera_noise(raised(clean, noise)), rtol=0.3)
+    found = measure_camera_noise(raised(clean, noise + np.where(sheet, 0.006, 0.0)))
+    np.testing.assert_allclose(found, measure_camera_noise(raised(clean, noise)), rtol=0.3)
 
 
 def test_where_no_table_is_seen_a_usual_cameras_noise_is_assumed(clean: Scene) -> None:
     blind = replace(clean, depth=DepthImage(np.where(clean.mask, clean.depth.metres, 0).astype(np.float32)))
-    assert camera_noise(blind) == UNKNOWN
+    assert measure_camera_noise(blind) == UNKNOWN
     far_below = replace(clean, table=Plane(clean.table.normal, clean.table.offset - 0.1))
-    assert camera_noise(far_below) == UNKNOWN
+    assert measure_camera_noise(far_below) == UNKNOWN
     strip = clean.mask.copy()
     strip[0] = True
     few = replace(clean, depth=DepthImage(np.where(strip, clean.depth.metres, 0).astype(np.float32)))
-    assert camera_noise(few) == UNKNOWN
+    assert measure_camera_noise(few) == UNKNOWN
 
 
 def test_noise_is_measured_the_same_wherever_base_is(clean: Scene) -> None:
     noisy = raised(clean, of_patches(clean, 0.001, 5) + white(clean, 0.001, 5))
     elsewhere = Pose.from_rotation_vector((0.3, -0.2, 1.1), (0.7, -0.4, 0.9))
     moved = replace(noisy, base_T_camera=elsewhere @ noisy.base_T_camera, table=noisy.table.moved(elsewhere))
-    there, here = camera_noise(moved), camera_noise(noisy)
+    there, here = measure_camera_noise(moved), measure_camera_noise(noisy)
     assert there.pixel == pytest.approx(here.pixel, rel=1e-3)
     assert there.patch == pytest.approx(here.patch, rel=0.3)

@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.camera_model import CameraModel
-from pretouch_registrar.engines.cone import CALIBRATED, Cone, cone_of, thin_beam
-from pretouch_registrar.engines.problem import pose_problem
-from pretouch_registrar.engines.residuals.cone import measure, spot_of, spot_residual
+from pretouch_registrar.engines.cone import CALIBRATION_DISTANCE, Cone, make_cone, make_thin_beam
+from pretouch_registrar.engines.registration_problem import build_problem
+from pretouch_registrar.engines.residuals.cone import make_spot, spot_residual, trace_spot
 
 from pretouch.estimate import Prior
 from pretouch.geometry import Array
 from pretouch.tof import Sensor
 
 HALF_ANGLE = float(np.radians(12.5))
-CONE = cone_of(HALF_ANGLE)
+CONE = make_cone(HALF_ANGLE)
 HYPOTHESES = len(CONE.scales)
 DOWN = (0.0, 0.0, -1.0)
 TOP = 0.04
@@ -46,28 +46,28 @@ class Seen(NamedTuple):
 def seen(
     model: CameraModel, at: tuple[float, float, float], down: tuple[float, float, float] = DOWN, cone: Cone = CONE
 ) -> Seen:
-    target = pose_problem(model, [], Prior(), Sensor(beam_half_angle=HALF_ANGLE)).target
-    spot = spot_of(cone)
-    interval = measure(at, down, True, 0.0, target, cone, spot)
+    target = build_problem(model, [], Prior(), Sensor(beam_half_angle=HALF_ANGLE)).target
+    spot = make_spot(cone)
+    interval = trace_spot(at, down, True, 0.0, target, cone, spot)
     return Seen(interval, spot.nearest if interval else spot.means, spot.means, spot.spreads)
 
 
 @given(st.floats(0.05, 0.45))
 def test_every_hypothesis_reads_the_wall_of_the_calibration_as_it_is(half_angle: float) -> None:
-    cone = cone_of(half_angle)
-    paths = CALIBRATED * cone.length
+    cone = make_cone(half_angle)
+    paths = CALIBRATION_DISTANCE * cone.length
     for w, profile in enumerate(cone.profiles):
         for b, decay in enumerate(cone.decays):
             weight = profile * np.cos(np.arctan(np.hypot(cone.across_x, cone.across_y)))
-            weight = weight / paths**2 * np.exp(-(paths - CALIBRATED) * decay)
+            weight = weight / paths**2 * np.exp(-(paths - CALIBRATION_DISTANCE) * decay)
             reads = cone.scales[w * len(cone.decays) + b] * np.average(paths, weights=weight)
-            assert reads == pytest.approx(CALIBRATED, abs=1e-9)
+            assert reads == pytest.approx(CALIBRATION_DISTANCE, abs=1e-9)
 
 
 def test_over_a_flat_table_all_hypotheses_read_the_calibrated_distance_exactly(block: CameraModel) -> None:
-    answer = seen(block, (0.0, -0.16, CALIBRATED))
+    answer = seen(block, (0.0, -0.16, CALIBRATION_DISTANCE))
     assert not answer.interval
-    np.testing.assert_allclose(answer.means, CALIBRATED, atol=1e-9)
+    np.testing.assert_allclose(answer.means, CALIBRATION_DISTANCE, atol=1e-9)
 
 
 @settings(max_examples=40)
@@ -75,9 +75,9 @@ def test_over_a_flat_table_all_hypotheses_read_the_calibrated_distance_exactly(b
 def test_over_an_objects_flat_top_all_hypotheses_read_the_calibrated_distance(
     block: CameraModel, x: float, y: float
 ) -> None:
-    answer = seen(block, (x, y, TOP + CALIBRATED))
+    answer = seen(block, (x, y, TOP + CALIBRATION_DISTANCE))
     np.testing.assert_allclose(answer.nearest, answer.means, atol=1e-6)
-    np.testing.assert_allclose(answer.means, CALIBRATED, atol=3e-4)
+    np.testing.assert_allclose(answer.means, CALIBRATION_DISTANCE, atol=3e-4)
 
 
 @settings(max_examples=40)
@@ -133,7 +133,7 @@ def test_one_hypothesis_alone_says_what_it_says_among_all(
     block: CameraModel, hypothesis: int, x: float, y: float, height: float, lean: float
 ) -> None:
     at, down = (x, y, height), (0.0, np.sin(lean), -np.cos(lean))
-    whole, alone = seen(block, at, down), seen(block, at, down, CONE.only(hypothesis))
+    whole, alone = seen(block, at, down), seen(block, at, down, CONE.select_hypothesis(hypothesis))
     assert whole.interval == alone.interval
     for one, among in zip(alone[1:], whole[1:], strict=True):
         assert one.shape == (1,)
@@ -141,10 +141,10 @@ def test_one_hypothesis_alone_says_what_it_says_among_all(
 
 
 def test_a_range_within_the_interval_of_what_is_hidden_costs_only_the_hidden_part(block: CameraModel) -> None:
-    problem = pose_problem(block, [], Prior(), Sensor(beam_half_angle=HALF_ANGLE))
-    at, cone = (0.06, 0.0, 0.08), CONE.only(0)
-    spot = spot_of(cone)
-    assert measure(at, DOWN, True, 0.0, problem.target, cone, spot)
+    problem = build_problem(block, [], Prior(), Sensor(beam_half_angle=HALF_ANGLE))
+    at, cone = (0.06, 0.0, 0.08), CONE.select_hypothesis(0)
+    spot = make_spot(cone)
+    assert trace_spot(at, DOWN, True, 0.0, problem.target, cone, spot)
     nearest, farthest = spot.nearest[0], spot.means[0]
 
     def residual(measured: float) -> float:
@@ -159,16 +159,16 @@ def test_a_range_within_the_interval_of_what_is_hidden_costs_only_the_hidden_par
 def test_what_stands_beside_the_object_is_in_the_spot_too() -> None:
     neighbour = Box.standing((0.03, 0.08, 0.06), at=(0.08, 0.0))
     model = camera_model.build(World((Box.standing((0.10, 0.08, TOP)), neighbour)).scene(KINECT))
-    over_the_neighbour = seen(model, (0.08, 0.0, 0.09), cone=cone_of(np.radians(5.0)))
+    over_the_neighbour = seen(model, (0.08, 0.0, 0.09), cone=make_cone(np.radians(5.0)))
     assert over_the_neighbour.means == pytest.approx(0.03, abs=0.002)
 
 
 def test_a_thin_beam_has_no_hypotheses() -> None:
-    assert len(thin_beam().scales) == len(thin_beam().length) == 0
+    assert len(make_thin_beam().scales) == len(make_thin_beam().length) == 0
     assert not pose_problem_is_wide(0.0)
     assert pose_problem_is_wide(HALF_ANGLE)
 
 
 def pose_problem_is_wide(half_angle: float) -> bool:
     model = camera_model.build(World((Box.standing((0.10, 0.08, TOP)),)).scene())
-    return pose_problem(model, [], Prior(), Sensor(beam_half_angle=half_angle)).wide
+    return build_problem(model, [], Prior(), Sensor(beam_half_angle=half_angle)).wide

@@ -31,7 +31,7 @@ def crossing(case: Case, seed: int) -> Scan:
 def turn_std(name: str, seed: int) -> float:
     """rad, about the vertical, after one scan."""
     case = make_case(name, MAKERS[name](), 0, seed)
-    solution = REGISTRAR.solution_of(view_of(case).scene, [crossing(case, seed)], SETTINGS)
+    solution = REGISTRAR.solve(view_of(case).scene, [crossing(case, seed)], SETTINGS)
     return float(np.sqrt(solution.covariance[2, 2]))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_registrar.engines.solvers.importance import Mode, moments
+from pretouch_registrar.engines.solvers.importance import Mode, estimate_moments
 
 from pretouch.geometry import Array
 
@@ -23,7 +23,7 @@ def test_a_density_far_narrower_than_its_proposal_is_found(width: float, seed: i
         apart = xs - centre
         return np.asarray(0.5 * (apart @ information * apart).sum(axis=1))
 
-    mean, found = moments(energy, [Mode(np.zeros(6), np.eye(6), 1.0)])
+    mean, found = estimate_moments(energy, [Mode(np.zeros(6), np.eye(6), 1.0)])
     whitened = turn.T @ (mean - centre) / std
     assert np.abs(whitened).max() < 0.7
     spread = np.sqrt(np.diag(turn.T @ found @ turn)) / std
@@ -38,7 +38,7 @@ def test_both_modes_count() -> None:
         squared = ((xs[:, None] - places) ** 2).sum(axis=2)
         return np.asarray(-np.log(np.exp(-0.5 * squared / 0.01).sum(axis=1) + 1e-300))
 
-    mean, covariance = moments(energy, [Mode(place, 0.02 * np.eye(6), 0.5) for place in places])
+    mean, covariance = estimate_moments(energy, [Mode(place, 0.02 * np.eye(6), 0.5) for place in places])
     assert mean[0] == pytest.approx(0.0, abs=0.2)
     assert covariance[0, 0] == pytest.approx(1.01, abs=0.1)
     assert covariance[1, 1] == pytest.approx(0.01, rel=0.5)

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_registrar.engines.neighbours import MAX_TARGET, find, index_of, no_pairs, thinned
-from pretouch_registrar.engines.rigid import rotation_from_correlation
+from pretouch_registrar.engines.neighbours import (
+    MAX_TARGET,
+    build_index,
+    find_neighbours,
+    make_correspondences,
+    subsample,
+)
+from pretouch_registrar.engines.rigid import compute_rotation
 from scipy.spatial import cKDTree
 
 from pretouch.geometry import rotation_from_vector
@@ -25,9 +31,9 @@ def test_neighbours_are_exact_in_every_round(seed: int, count: int) -> None:
     target = wavy(count, rng)
     source = wavy(80, rng) + rng.normal(0, 0.01, (80, 3))
     source[:8] += 0.1
-    index, tree, pairs = index_of(target), cKDTree(target), no_pairs(80)
+    index, tree, pairs = build_index(target), cKDTree(target), make_correspondences(80)
     for turn in range(6):
-        find(source, index, REACH, pairs)
+        find_neighbours(source, index, REACH, pairs)
         distance, nearest = tree.query(source, distance_upper_bound=REACH)
         np.testing.assert_allclose(pairs.distance, distance, rtol=0, atol=1e-12)
         found = np.isfinite(distance)
@@ -44,14 +50,14 @@ def test_targets_without_any_area_are_searched_too(shape: str) -> None:
         "two far places": np.concatenate([np.zeros((250, 3)), np.full((250, 3), 1e3)]),
     }[shape]
     source = np.random.default_rng(0).uniform(-0.04, 0.04, (50, 3))
-    pairs = no_pairs(50)
-    find(source, index_of(target), 1.0, pairs)
+    pairs = make_correspondences(50)
+    find_neighbours(source, build_index(target), 1.0, pairs)
     np.testing.assert_allclose(pairs.distance, cKDTree(target).query(source)[0], rtol=0, atol=1e-12)
 
 
 def test_a_target_of_ten_million_points_is_thinned_evenly() -> None:
     target = np.broadcast_to(np.arange(10_000_000, dtype=np.float32)[:, None], (10_000_000, 3))
-    kept = thinned(target)
+    kept = subsample(target)
     assert MAX_TARGET / 2 < len(kept) <= MAX_TARGET
     assert np.ptp(np.diff(kept[:, 0])) == 0
     assert kept[-1, 0] > 0.999 * 10_000_000
@@ -64,5 +70,5 @@ def test_the_closed_form_rotation_is_the_one_that_was_applied(seed: int) -> None
     points = rng.normal(size=(int(rng.integers(3, 20)), 3)) * (1.0, 1.0, rng.choice([0.0, 1.0]))
     rotation = rotation_from_vector(rng.uniform(-1.7, 1.7, 3))
     centred = points - points.mean(axis=0)
-    found = rotation_from_correlation(centred.T @ (centred @ rotation.T))
+    found = compute_rotation(centred.T @ (centred @ rotation.T))
     np.testing.assert_allclose(found, rotation, atol=1e-9)

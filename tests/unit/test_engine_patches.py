@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pretouch_registrar.engines.patches import SharedError, patches_of, sample_weights
+from pretouch_registrar.engines.patches import SharedError, compute_sample_weights, find_patches
 
 from pretouch.geometry import Array
 
@@ -42,7 +42,7 @@ def test_worth_is_the_variance_that_averaging_leaves() -> None:
     rng = np.random.default_rng(0)
     means = rng.normal(0, error.common, 20_000) + rng.normal(0, error.own, (7, 20_000)).mean(axis=0)
     single = error.own**2 + error.common**2
-    assert single / means.var() == pytest.approx(error.worth(np.array([7.0]))[0], rel=0.05)
+    assert single / means.var() == pytest.approx(error.effective_count(np.array([7.0]))[0], rel=0.05)
 
 
 @given(seeds, st.integers(1, 300), errors)
@@ -50,8 +50,8 @@ def test_all_samples_of_a_patch_weigh_the_same_and_their_sum_is_what_the_patches
     seed: int, count: int, error: SharedError
 ) -> None:
     points, directions, returned = samples(seed, count)
-    weights = sample_weights(points, directions, returned, error)
-    patches = patches_of(points, directions, returned, error)
+    weights = compute_sample_weights(points, directions, returned, error)
+    patches = find_patches(points, directions, returned, error)
     assert patches.counts.sum() == count
     assert weights.sum() == pytest.approx(error.worth(patches.counts).sum())
     assert ((weights > 0) & (weights <= 1 + 1e-12)).all()
@@ -64,19 +64,19 @@ def test_all_samples_of_a_patch_weigh_the_same_and_their_sum_is_what_the_patches
 def test_weights_go_with_the_samples_whatever_their_order(seed: int, count: int, error: SharedError) -> None:
     points, directions, returned = samples(seed, count)
     order = np.random.default_rng(seed).permutation(count)
-    mixed = sample_weights(points[order], directions[order], returned[order], error)
-    np.testing.assert_array_equal(mixed, sample_weights(points, directions, returned, error)[order])
+    mixed = compute_sample_weights(points[order], directions[order], returned[order], error)
+    np.testing.assert_array_equal(mixed, compute_sample_weights(points, directions, returned, error)[order])
 
 
 @given(seeds, st.integers(2, 300), st.floats(0, 1), errors)
 def test_a_scan_in_two_parts_tells_as_much_as_in_one(seed: int, count: int, share: float, error: SharedError) -> None:
     points, directions, returned = samples(seed, count)
     first, then = slice(0, round(share * count)), slice(round(share * count), None)
-    known = patches_of(points[first], directions[first], returned[first], error)
-    before = sample_weights(points[first], directions[first], returned[first], error)
-    gain = sample_weights(points[then], directions[then], returned[then], error, earlier=known)
-    alone = sample_weights(points[then], directions[then], returned[then], error)
-    assert before.sum() + gain.sum() == pytest.approx(sample_weights(points, directions, returned, error).sum())
+    known = find_patches(points[first], directions[first], returned[first], error)
+    before = compute_sample_weights(points[first], directions[first], returned[first], error)
+    gain = compute_sample_weights(points[then], directions[then], returned[then], error, earlier=known)
+    alone = compute_sample_weights(points[then], directions[then], returned[then], error)
+    assert before.sum() + gain.sum() == pytest.approx(compute_sample_weights(points, directions, returned, error).sum())
     assert (gain <= alone + 1e-12).all()
     assert (gain > 0).all()
 
@@ -86,17 +86,17 @@ def test_the_same_samples_again_tell_less_and_elsewhere_as_much_as_ever(
     seed: int, count: int, error: SharedError
 ) -> None:
     points, directions, returned = samples(seed, count)
-    known = patches_of(points, directions, returned, error)
-    once = sample_weights(points, directions, returned, error)
-    again = sample_weights(points, directions, returned, error, earlier=known)
+    known = find_patches(points, directions, returned, error)
+    once = compute_sample_weights(points, directions, returned, error)
+    again = compute_sample_weights(points, directions, returned, error, earlier=known)
     assert (again < once).all()
     away = points + np.array([40 * error.patch, 0.0, 0.0])
     np.testing.assert_allclose(
-        sample_weights(away, directions, returned, error, earlier=known),
-        sample_weights(away, directions, returned, error),
+        compute_sample_weights(away, directions, returned, error, earlier=known),
+        compute_sample_weights(away, directions, returned, error),
     )
-    none = patches_of(points[:0], directions[:0], returned[:0], error)
-    np.testing.assert_array_equal(sample_weights(points, directions, returned, error, earlier=none), once)
+    none = find_patches(points[:0], directions[:0], returned[:0], error)
+    np.testing.assert_array_equal(compute_sample_weights(points, directions, returned, error, earlier=none), once)
 
 
 @given(seeds, st.integers(1, 60), st.integers(1, 9), errors)
@@ -105,19 +105,19 @@ def test_a_sample_that_stands_for_several_counts_as_they_would(
 ) -> None:
     points, directions, returned = samples(seed, count)
     repeated = [np.repeat(values, each, axis=0) for values in (points, directions, returned)]
-    standing = sample_weights(points, directions, returned, error, each=each)
-    assert standing.sum() == pytest.approx(sample_weights(*repeated, error).sum())
+    standing = compute_sample_weights(points, directions, returned, error, each=each)
+    assert standing.sum() == pytest.approx(compute_sample_weights(*repeated, error).sum())
 
 
 def test_a_miss_shares_nothing_with_a_return_at_the_same_place() -> None:
     error = SharedError(own=0.001, common=0.002, patch=0.01)
     down = np.array([[0.0, 0.0, -1.0]] * 2)
     starts = np.array([[0.005, 0.005, 0.055], [0.005, 0.005, 0.005]])
-    np.testing.assert_allclose(sample_weights(starts, down, np.array([False, True]), error), 1.0)
-    assert sample_weights(starts[:1].repeat(2, axis=0), down, np.zeros(2, dtype=bool), error).sum() < 1.5
+    np.testing.assert_allclose(compute_sample_weights(starts, down, np.array([False, True]), error), 1.0)
+    assert compute_sample_weights(starts[:1].repeat(2, axis=0), down, np.zeros(2, dtype=bool), error).sum() < 1.5
 
 
 def test_no_samples_weigh_nothing() -> None:
     none, error = np.zeros((0, 3)), SharedError(0.001, 0.001, 0.01)
-    assert sample_weights(none, none, np.zeros(0, dtype=bool), error).shape == (0,)
-    assert patches_of(none, none, np.zeros(0, dtype=bool), error).counts.sum() == 0
+    assert compute_sample_weights(none, none, np.zeros(0, dtype=bool), error).shape == (0,)
+    assert find_patches(none, none, np.zeros(0, dtype=bool), error).counts.sum() == 0

@@ -6,7 +6,7 @@ from helpers.scenes import KINECT, Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import Engine, paper, pcl
-from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MIN_PAIRS
+from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MIN_CORRESPONDENCES
 from pretouch_registrar.registration import Registrar, Settings
 from scipy.spatial import cKDTree
 
@@ -55,7 +55,7 @@ def published(source: np.ndarray, target: np.ndarray) -> np.ndarray:
         order = paired[np.argsort(distance[paired], kind="stable")]
         k = np.arange(1, len(order) + 1)
         frmsd = np.sqrt(np.cumsum(distance[order] ** 2) / k) / (k / len(order)) ** LAMBDA
-        least = MIN_PAIRS - 1 + int(np.argmin(frmsd[MIN_PAIRS - 1 :]))
+        least = MIN_CORRESPONDENCES - 1 + int(np.argmin(frmsd[MIN_CORRESPONDENCES - 1 :]))
         a, b = moved[order[: least + 1]], target[index[order[: least + 1]]]
         u, _, vt = np.linalg.svd((a - a.mean(axis=0)).T @ (b - b.mean(axis=0)))
         rotation = vt.T @ np.diag([1, 1, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T

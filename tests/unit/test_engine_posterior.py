@@ -29,7 +29,7 @@ def test_moments_of_two_places_are_those_of_their_mixture(seed: int, std: float,
     rng = np.random.default_rng(seed)
     places = rng.uniform(-1, 1, (2, 6))
     modes = [Mode(place, (wrong * std) ** 2 * np.eye(6), 0.5) for place in places]
-    mean, covariance = importance.moments(lambda x: mixture(x, places, std), modes)
+    mean, covariance = importance.estimate_moments(lambda x: mixture(x, places, std), modes)
     apart = 0.5 * (places[0] - places[1])
     np.testing.assert_allclose(mean, places.mean(axis=0), atol=0.25 * (std + np.linalg.norm(apart)))
     expected = std**2 * np.eye(6) + np.outer(apart, apart)
@@ -40,7 +40,7 @@ def test_moments_of_two_places_are_those_of_their_mixture(seed: int, std: float,
 @given(st.integers(0, 2**16))
 def test_the_search_finds_a_narrow_place_anywhere_in_the_prior(seed: int) -> None:
     place = np.random.default_rng(seed).uniform(-1.7, 1.7, (1, 6))
-    xs, level = smc.population(lambda x, factor: mixture(x, place, 0.15 * factor), np.ones(6))
+    xs, level = smc.sample_population(lambda x, factor: mixture(x, place, 0.15 * factor), np.ones(6))
     assert np.linalg.norm(xs[level.argmin()] - place[0]) < 0.3
     assert np.median(np.linalg.norm(xs - place[0], axis=1)) < 0.6
 

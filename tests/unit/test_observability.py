@@ -7,8 +7,8 @@ import pytest
 from helpers.scenes import Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_registrar.observability import FREE_STD, weak_directions
-from pretouch_registrar.revolution import revolution_about
+from pretouch_registrar.observability import FREE_STD, find_weak_directions
+from pretouch_registrar.rotational_symmetry import find_symmetry_axis
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import make_case
 
@@ -47,7 +47,7 @@ def test_each_direction_has_the_deviation_it_claims_and_none_is_left_out(seed: i
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(6, 6)) * (rng.uniform(1e-4, 0.03, 6) ** (1 - alike)) * 0.01**alike
     given_covariance = root @ root.T + 1e-9 * np.eye(6)
-    found = weak_directions(given_covariance, CLOUD, UP)
+    found = find_weak_directions(given_covariance, CLOUD, UP)
     scale = np.array([RADIUS] * 3 + [1.0] * 3)
     scaled = given_covariance * np.outer(scale, scale)
     directions = np.array([weak.direction for weak in found]).reshape(-1, 6)
@@ -70,7 +70,7 @@ def test_a_single_free_translation_is_named_with_its_millimetres(std: float, alo
     direction[3 + along] = 1.0
     words = ["sliding along base x", "sliding along base y", "height above the table"][along]
     wide = np.hypot(std, 1e-4)
-    assert only(weak_directions(covariance((direction, std)), CLOUD, UP)) == f"{words} (±{1000 * wide:.1f} mm)"
+    assert only(find_weak_directions(covariance((direction, std)), CLOUD, UP)) == f"{words} (±{1000 * wide:.1f} mm)"
 
 
 @settings(max_examples=40, deadline=None)
@@ -79,33 +79,33 @@ def test_a_turn_about_an_upright_axis_near_the_middle_is_one_about_the_vertical(
     std: float, beside: tuple[float, float]
 ) -> None:
     point = CLOUD.mean(axis=0) + np.array([*beside, 0.0])
-    text = only(weak_directions(covariance((about(UP, point, CLOUD), std)), CLOUD, UP))
+    text = only(find_weak_directions(covariance((about(UP, point, CLOUD), std)), CLOUD, UP))
     assert text.startswith("rotation about the vertical through the object (±")
     assert float(text.split("±")[1].split(" ")[0]) == pytest.approx(np.degrees(std), rel=0.1)
 
 
 def test_a_turn_about_a_far_axis_says_where_the_axis_is() -> None:
     point = CLOUD.mean(axis=0) + np.array([0.06, 0.0, 0.0])
-    text = only(weak_directions(covariance((about(UP, point, CLOUD), 0.1)), CLOUD, UP))
+    text = only(find_weak_directions(covariance((about(UP, point, CLOUD), 0.1)), CLOUD, UP))
     assert text.startswith("rotation about the vertical through (0.")
     assert "m, 60 mm from the object's middle (±" in text
 
 
 def test_a_turn_about_a_level_axis_is_a_tilt() -> None:
-    text = only(weak_directions(covariance(([0, 1, 0, 0, 0, 0], 0.2)), CLOUD, UP))
+    text = only(find_weak_directions(covariance(([0, 1, 0, 0, 0, 0], 0.2)), CLOUD, UP))
     assert text == "tilt about base y through the object (±11.5 deg)"
 
 
 def test_the_objects_long_axis_is_named() -> None:
     long = rotation_from_vector([0, 0, 0.35])[:, 0]
-    sliding = only(weak_directions(covariance(([0, 0, 0, *long], 0.01)), BAR, UP))
+    sliding = only(find_weak_directions(covariance(([0, 0, 0, *long], 0.01)), BAR, UP))
     assert sliding == "sliding along the object's long axis, base (0.94, 0.34, 0.00) (±10.0 mm)"
-    rolling = only(weak_directions(covariance(([*long, 0, 0, 0], 1.0)), BAR, UP))
+    rolling = only(find_weak_directions(covariance(([*long, 0, 0, 0], 1.0)), BAR, UP))
     assert rolling.startswith("rotation about the object's long axis, base (0.94, 0.34, 0.00) through the object")
 
 
 def test_equally_free_directions_are_told_along_the_axes_of_base() -> None:
-    texts = [weak.text for weak in weak_directions(covariance(*_translations(0.0115, 0.0113, 0.0111)), CLOUD, UP)]
+    texts = [weak.text for weak in find_weak_directions(covariance(*_translations(0.0115, 0.0113, 0.0111)), CLOUD, UP)]
     assert {text.split(" (±")[0] for text in texts} == {
         "sliding along base x",
         "sliding along base y",
@@ -123,11 +123,11 @@ def _translations(*stds: float) -> list[tuple[list[float], float]]:
 def test_only_round_things_look_round_about_the_vertical(name: str, seed: int) -> None:
     case = make_case(name, MAKERS[name](), 0, seed)
     cloud = case.truth.apply(case.cloud)
-    found = revolution_about(cloud, UP)
+    found = find_symmetry_axis(cloud, UP)
     if name not in ("can", "bottle", "bowl"):
         assert found is None
         return
     assert found is not None
     assert np.linalg.norm(found.point[:2] - [0.5, 0.0]) < 0.008
-    text = only(weak_directions(covariance((about(UP, found.point, cloud), 0.3)), cloud, UP))
+    text = only(find_weak_directions(covariance((about(UP, found.point, cloud), 0.3)), cloud, UP))
     assert text.startswith("rotation about the vertical through the object, about which it looks round (±17.")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from helpers.scenes import KINECT, Box, World
 from pretouch_registrar.engines import camera_model
-from pretouch_registrar.engines.problem import Problem, pose_problem
-from pretouch_registrar.prediction import predicted_covariance
-from pretouch_registrar.ray_casting import cast
+from pretouch_registrar.engines.registration_problem import RegistrationProblem, build_problem
+from pretouch_registrar.prediction import predict_covariance
+from pretouch_registrar.ray_casting import cast_rays
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.camera import DepthImage
@@ -30,8 +30,8 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def problem(scene: Scene) -> Problem:
-    return pose_problem(camera_model.build(scene), [], PRIOR, SENSOR)
+def problem(scene: Scene) -> RegistrationProblem:
+    return build_problem(camera_model.build(scene), [], PRIOR, SENSOR)
 
 
 def line(start: tuple[float, float], end: tuple[float, float], height: float = 0.085) -> Trajectory:
@@ -52,27 +52,27 @@ def beams(path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(poses[:, :3, 3]), np.ascontiguousarray(poses[:, :3, 2])
 
 
-def left(problem: Problem, path: Trajectory) -> np.ndarray:
-    return predicted_covariance(problem, np.zeros(6), PRIOR.covariance(), path, SENSOR)
+def left(problem: RegistrationProblem, path: Trajectory) -> np.ndarray:
+    return predict_covariance(problem, np.zeros(6), PRIOR.covariance(), path, SENSOR)
 
 
-def test_a_simulated_beam_ends_where_a_real_one_does_wherever_the_camera_saw(problem: Problem) -> None:
+def test_a_simulated_beam_ends_where_a_real_one_does_wherever_the_camera_saw(problem: RegistrationProblem) -> None:
     origins, directions = beams(ACROSS)
-    simulated = cast(problem, np.zeros((1, 6)), origins, directions, SENSOR.range_min)[0]
+    simulated = cast_rays(problem, np.zeros((1, 6)), origins, directions, SENSOR.range_min)[0]
     real = BOX.cast(origins, directions)[0]
     assert (np.abs(simulated - real) < 0.004).mean() > 0.9
     assert {True, False} == set(real < 0.05)
 
 
-def test_under_a_lifted_truth_every_beam_is_shorter_by_as_much(problem: Problem) -> None:
+def test_under_a_lifted_truth_every_beam_is_shorter_by_as_much(problem: RegistrationProblem) -> None:
     origins, directions = beams(TOP)
-    where, lifted = cast(problem, np.stack([np.zeros(6), LIFTED]), origins, directions, SENSOR.range_min)
+    where, lifted = cast_rays(problem, np.stack([np.zeros(6), LIFTED]), origins, directions, SENSOR.range_min)
     np.testing.assert_allclose(where - lifted, 0.01, atol=0.002)
 
 
-def test_a_beam_whose_table_is_out_of_range_is_a_miss(problem: Problem) -> None:
+def test_a_beam_whose_table_is_out_of_range_is_a_miss(problem: RegistrationProblem) -> None:
     high = line((-0.08, 0.09), (0.08, 0.09), height=0.12)
-    assert np.isinf(cast(problem, np.zeros((1, 6)), *beams(high), SENSOR.range_min)).all()
+    assert np.isinf(cast_rays(problem, np.zeros((1, 6)), *beams(high), SENSOR.range_min)).all()
 
 
 def test_a_small_hole_in_the_object_s_depth_is_not_taken_for_table() -> None:
@@ -80,19 +80,19 @@ def test_a_small_hole_in_the_object_s_depth_is_not_taken_for_table() -> None:
     hole = scene.mask & (np.linalg.norm(scene.organised - (0.0, 0.0, 0.05), axis=-1) < 0.005)
     assert hole.sum() > 10
     holed = replace(scene, depth=DepthImage(np.where(hole, 0, scene.depth.metres)))
-    problem = pose_problem(camera_model.build(holed), [], PRIOR, SENSOR)
+    problem = build_problem(camera_model.build(holed), [], PRIOR, SENSOR)
     origin, down = np.array([[0.0, 0.0, 0.085]]), np.array([[0.0, 0.0, -1.0]])
-    assert cast(problem, np.zeros((1, 6)), origin, down, SENSOR.range_min)[0, 0] == pytest.approx(0.035, abs=0.013)
+    assert cast_rays(problem, np.zeros((1, 6)), origin, down, SENSOR.range_min)[0, 0] == pytest.approx(0.035, abs=0.013)
 
 
-def test_a_path_over_bare_table_tells_its_height_and_nothing_sideways(problem: Problem) -> None:
+def test_a_path_over_bare_table_tells_its_height_and_nothing_sideways(problem: RegistrationProblem) -> None:
     before, after = np.sqrt(np.diag(PRIOR.covariance())), np.sqrt(np.diag(left(problem, TABLE)))
     assert after[5] < 0.8 * before[5]
     assert (after[3:5] > 0.75 * before[3:5]).all()
 
 
 def test_a_path_across_the_edges_leaves_less_than_one_on_the_top_and_that_less_than_none(
-    problem: Problem, scene: Scene
+    problem: RegistrationProblem, scene: Scene
 ) -> None:
     cloud = scene.cloud
     none, top, across = (
@@ -102,16 +102,16 @@ def test_a_path_across_the_edges_leaves_less_than_one_on_the_top_and_that_less_t
     assert across < 0.9 * top < 0.9 * none
 
 
-def test_a_predicted_covariance_is_one(problem: Problem) -> None:
+def test_a_predicted_covariance_is_one(problem: RegistrationProblem) -> None:
     covariance = left(problem, ACROSS)
     np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
     assert (np.linalg.eigvalsh(covariance) > 0).all()
     assert (np.linalg.eigvalsh(PRIOR.covariance() - covariance) > -1e-9).all()
 
 
-def test_the_number_of_modules_does_not_overstate_what_a_scan_tells(problem: Problem) -> None:
+def test_the_number_of_modules_does_not_overstate_what_a_scan_tells(problem: RegistrationProblem) -> None:
     hand = replace(SENSOR, tip_T_module=(Pose.identity(),) * 3)
-    many = predicted_covariance(problem, np.zeros(6), PRIOR.covariance(), ACROSS, hand)
+    many = predict_covariance(problem, np.zeros(6), PRIOR.covariance(), ACROSS, hand)
     np.testing.assert_allclose(np.diag(many), np.diag(left(problem, ACROSS)), rtol=0.3)
 
 

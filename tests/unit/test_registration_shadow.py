@@ -23,7 +23,7 @@ def answered(ends: tuple[tuple[float, float], tuple[float, float]], seed: int) -
     """Correction (6,) and covariance (6, 6) after one scan where the camera was right."""
     scene = WORLD.scene(KINECT, np.random.default_rng(seed)).cropped(0.1)[0]
     scan = WORLD.scanned(line(*ends), Sensor(), np.random.default_rng(seed)).beams(Sensor())
-    solution = REGISTRAR.solution_of(scene, [scan], SETTINGS)
+    solution = REGISTRAR.solve(scene, [scan], SETTINGS)
     return solution.x, solution.covariance
 
 

@@ -1,6 +1,6 @@
-"""A known shape as a scene: seen without noise by a virtual camera far above it, as the finger's beams come.
+"""Renders a mesh as a scene: without noise, by a virtual camera far above it, along the finger's beams.
 
-Everything after that is the same code as for what a real camera saw.
+From there on a known shape is treated like one that a real camera saw.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from pretouch.mesh_target import MeshTarget
 from pretouch.scene import MIN_OBJECT_PIXELS, Scene
 
 _DISTANCE = 3.0
-"""m from the camera to the object's highest point: next to it, the object hides hardly any of the table."""
+"""m from the camera to the object's highest point: from so far, the object hides hardly any of the table."""
 _MARGIN = 0.06
-"""m of table around the object: three standard deviations of the default prior, and some more."""
+"""m of table around the object: more than three standard deviations of the default prior."""
 _FINEST, _COARSEST = 0.0004, 0.001
-"""m: side of a pixel at the object's top; between them _ACROSS pixels lie across the object."""
-_ACROSS = 100
-_MOST_ACROSS = 700
+"""m: bounds of a pixel's side at the object's top; between them _PIXELS_ACROSS pixels lie across the object."""
+_PIXELS_ACROSS = 100
+_MAX_PIXELS_ACROSS = 700
 """Pixels across the image, however large the object."""
-_MOST_VISITS = 1_000_000_000
-"""Pixels that the triangles' bounding boxes may cover in all: some seconds."""
+_MAX_VISITS = 1_000_000_000
+"""Pixels that the triangles' bounding boxes may cover in all; they take some seconds."""
 
 
 def mesh_scene(target: MeshTarget) -> Scene:
@@ -36,13 +36,13 @@ def mesh_scene(target: MeshTarget) -> Scene:
             thousands of times.
     """
     vertices = target.base_T_object.apply(target.vertices)
-    used = np.zeros(len(vertices), dtype=bool)
-    used[target.faces] = True
+    referenced = np.zeros(len(vertices), dtype=bool)
+    referenced[target.faces] = True
     axes = target.table.frame().rotation
-    local = vertices[used] @ axes
-    low, high = local.min(axis=0), local.max(axis=0)
+    in_table_axes = vertices[referenced] @ axes
+    low, high = in_table_axes.min(axis=0), in_table_axes.max(axis=0)
     span = float((high - low)[:2].max())
-    pixel = max(float(np.clip(span / _ACROSS, _FINEST, _COARSEST)), (span + 2 * _MARGIN) / _MOST_ACROSS)
+    pixel = max(float(np.clip(span / _PIXELS_ACROSS, _FINEST, _COARSEST)), (span + 2 * _MARGIN) / _MAX_PIXELS_ACROSS)
     size = np.ceil(((high - low)[:2] + 2 * _MARGIN) / pixel).astype(np.int64) + 1
     middle = (low + high) / 2
     base_T_camera = Pose.of(axes @ np.diag([1.0, -1.0, -1.0]), axes @ [middle[0], middle[1], high[2] + _DISTANCE])
@@ -50,13 +50,13 @@ def mesh_scene(target: MeshTarget) -> Scene:
     camera = Camera(focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2)
     if high[2] <= target.table.offset:
         raise InvalidInput("All of the mesh lies below the table.", "Check base_T_object, the table and its normal.")
-    of_table = 1.0 / (high[2] + _DISTANCE - target.table.offset)
-    inverse = np.full((size[1], size[0]), of_table)
+    table_inverse = 1.0 / (high[2] + _DISTANCE - target.table.offset)
+    inverse = np.full((size[1], size[0]), table_inverse)
     seen = base_T_camera.inverse().apply(vertices)
     uvw = np.concatenate([camera.project(seen), 1.0 / seen[:, 2:]], axis=1)
-    if not _rasterise(uvw, target.faces, inverse, _MOST_VISITS):
+    if not _rasterise(uvw, target.faces, inverse, _MAX_VISITS):
         raise InvalidInput("The mesh's triangles cover each other too many times.", "Simplify the mesh.")
-    mask = inverse > of_table
+    mask = inverse > table_inverse
     if mask.sum() < MIN_OBJECT_PIXELS:
         raise InvalidInput(
             f"From above, the mesh covers {int(mask.sum())} pixels of {1000 * pixel:.1f} mm above the table; at least "
@@ -70,8 +70,8 @@ def mesh_scene(target: MeshTarget) -> Scene:
 def _rasterise(uvw: Array, faces: NDArray[np.int64], inverse: Array, most_visits: int) -> bool:
     """Draws triangles with corners (u, v, 1/z), rows of `uvw` (n, 3), over `inverse` (h, w): the nearest stays.
 
-    A pixel belongs to a triangle if its centre does. False, and not all drawn, once more than `most_visits` pixels were
-    looked at.
+    A pixel belongs to a triangle if its centre does. Returns False, before all are drawn, once more than `most_visits`
+    pixels were visited.
     """
     height, width = inverse.shape
     visits = 0

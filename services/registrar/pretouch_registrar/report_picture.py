@@ -15,7 +15,7 @@ from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.tof import Scan
 
-_MOST = 4000
+_MAX_POINTS = 4000
 """Points drawn of each cloud."""
 _VIEWS = (("from above", 0, 1), ("from the side", 0, 2))
 _TARGET, _BEFORE, _AFTER = "#9aa4ad", "#d1495b", "#00798c"
@@ -29,8 +29,8 @@ def write_picture(path: Path, scene: Scene, scans: Sequence[Scan], estimate: Est
     """
     if path.suffix.lower() != ".png":
         raise InvalidInput(f"{path.name} is no .png file.", "Give --report FILE.png.")
-    target = _some(scene.cloud)
-    before = _some(Scan.concatenate(list(scans)).points())
+    target = _subsample(scene.cloud)
+    before = _subsample(Scan.concatenate(list(scans)).points())
     after = estimate.base_T_correction.inverse().apply(before)
     figure = Figure(figsize=(11, 9), layout="constrained")
     panels = figure.subplots(2, 2)
@@ -53,5 +53,5 @@ def write_picture(path: Path, scene: Scene, scans: Sequence[Scan], estimate: Est
         raise InvalidInput(f"{path} cannot be written: {error.strerror}.", "Check the folder.") from error
 
 
-def _some(points: Array) -> Array:
-    return np.asarray(points[:: max(1, len(points) // _MOST)], dtype=np.float64)
+def _subsample(points: Array) -> Array:
+    return np.asarray(points[:: max(1, len(points) // _MAX_POINTS)], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Starts the registrar: settings from the environment, kernels warm, servicer registered."""
+"""Starts the registrar: reads the settings, warms the kernels up, and registers the servicer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The registrar over gRPC: unpacks, computes off the event loop, packs."""
+"""The registrar over gRPC: decodes requests, computes in threads, encodes responses."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from pretouch_registrar.registration import Registrar, Settings
 
 MAX_TARGET_BYTES = 32 * 2**20
 MAX_STREAM_SCANS = 1000
-_ORDER = "Send the header first, then the target's chunks until scene_bytes or mesh_bytes are there, then scans."
+_STREAM_ORDER = "Send the header first, then the target's chunks until scene_bytes or mesh_bytes are there, then scans."
 
 
 def settings_from_proto(message: pb.RegistrationSettings, default: Engine) -> Settings:
@@ -57,7 +57,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     def _register(self, request: pb.RegisterRequest) -> pb.RegisterResponse:
         scans = [scan_from_proto(scan) for scan in request.scans]
         settings = settings_from_proto(request.settings, self.default)
-        estimate = self.registrar.register(_target_of(request), scans, settings)
+        estimate = self.registrar.register(_read_target(request), scans, settings)
         return pb.RegisterResponse(estimate=estimate_to_proto(estimate))
 
     async def PredictScans(
@@ -72,7 +72,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
             for c in request.candidates
         ]
         settings = settings_from_proto(request.settings, self.default)
-        errors = self.registrar.predict(_target_of(request), scans, settings, candidates)
+        errors = self.registrar.predict(_read_target(request), scans, settings, candidates)
         return pb.PredictScansResponse(expected_errors=errors)
 
     async def RegisterStream(
@@ -81,15 +81,15 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
         steps = aiter(request_iterator)
         first = await anext(steps, None)
         if first is None or first.WhichOneof("step") != "header":
-            raise InvalidInput("The stream does not begin with a header.", _ORDER)
+            raise InvalidInput("The stream does not begin with a header.", _STREAM_ORDER)
         settings = settings_from_proto(first.header.settings, self.default)
         header = first.header
-        read = _mesh_of if header.WhichOneof("target") == "mesh_bytes" else _scene_of
+        read = _decode_mesh if header.WhichOneof("target") == "mesh_bytes" else _decode_scene
         scene = await self.context.run_in_thread(read, await _collect(steps, header.mesh_bytes or header.scene_bytes))
         scans: list[Scan] = []
         async for step in steps:
             if step.WhichOneof("step") != "scan":
-                raise InvalidInput("The target is complete, but no scan came next.", _ORDER)
+                raise InvalidInput("The target is complete, but no scan came next.", _STREAM_ORDER)
             if len(scans) == MAX_STREAM_SCANS:
                 raise TooLarge(f"More than {MAX_STREAM_SCANS} scans came on one stream.", "Open a new stream.")
             scans.append(scan_from_proto(step.scan))
@@ -107,28 +107,28 @@ async def _collect(steps: AsyncIterator[pb.RegisterStreamRequest], size: int) ->
     while len(data) < size:
         step = await anext(steps, None)
         if step is None or step.WhichOneof("step") != "scene_chunk":
-            raise InvalidInput(f"The target ends after {len(data)} of {size} bytes.", _ORDER)
+            raise InvalidInput(f"The target ends after {len(data)} of {size} bytes.", _STREAM_ORDER)
         data += step.scene_chunk
     if len(data) > size:
-        raise InvalidInput(f"The target has {len(data)} bytes, not the {size} announced.", _ORDER)
+        raise InvalidInput(f"The target has {len(data)} bytes, not the {size} announced.", _STREAM_ORDER)
     return bytes(data)
 
 
-def _scene_of(data: bytes) -> Scene:
+def _decode_scene(data: bytes) -> Scene:
     try:
         return scene_from_proto(common_pb2.Scene.FromString(data))
     except DecodeError:
         raise Malformed("The scene's bytes are not a pretouch.v1.Scene.", "Send the serialised message.") from None
 
 
-def _mesh_of(data: bytes) -> Scene:
+def _decode_mesh(data: bytes) -> Scene:
     try:
         return mesh_scene(mesh_from_proto(common_pb2.MeshTarget.FromString(data)))
     except DecodeError:
         raise Malformed("The mesh's bytes are not a pretouch.v1.MeshTarget.", "Send the serialised message.") from None
 
 
-def _target_of(request: pb.RegisterRequest | pb.PredictScansRequest) -> Scene:
+def _read_target(request: pb.RegisterRequest | pb.PredictScansRequest) -> Scene:
     if request.WhichOneof("target") == "mesh":
         return mesh_scene(mesh_from_proto(request.mesh))
     return scene_from_proto(request.scene)

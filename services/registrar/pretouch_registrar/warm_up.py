@@ -1,4 +1,4 @@
-"""Loads the compiled kernels before the first request, on a small scene made up here."""
+"""Compiles or loads the kernels before the first request, on a small synthetic scene."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pretouch_registrar.registration import Registrar, Settings
 
 
 def warm_up(registrar: Registrar) -> None:
-    """Runs each kernel of every engine once, in the types of real requests."""
+    """Runs each kernel of every engine once, with the argument types of real requests."""
     depth = np.full((40, 40), 0.8, dtype=np.float32)
     depth[12:28, 12:28] = 0.75
     base_T_camera = Pose.of(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.8])

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pretouch_orchestrator.planning.path import plan_paths
 from pretouch_registrar.engines import Engine
-from pretouch_registrar.engines.solution import pose_of
+from pretouch_registrar.engines.solution import pose_from_correction
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.estimate import from_prior, point_error
@@ -86,8 +86,8 @@ def scan_and_register(
     true_cloud = view.case.cloud
     if path is None:
         return mean_error(true_cloud, truth, Pose.identity()), from_prior(settings.prior, scene.cloud).expected_error
-    solution = scoring.registrar.solution_of(scene, [view.scan(truth, path, scoring.finger, rng)], settings)
-    correction = pose_of(solution.x, scene.centroid)
+    solution = scoring.registrar.solve(scene, [view.scan(truth, path, scoring.finger, rng)], settings)
+    correction = pose_from_correction(solution.x, scene.centroid)
     left, _ = point_error(solution.covariance, correction.apply(scene.cloud), scene.centroid + solution.x[3:])
     return mean_error(true_cloud, truth, correction), left
 

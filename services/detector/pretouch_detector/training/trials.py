@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pretouch_registrar.engines import camera_model
-from pretouch_registrar.engines.label_trials import Matching, Trials, View, best, scores
+from pretouch_registrar.engines.label_trials import Matching, TrialSettings, View, compute_scores, find_best
 
 from pretouch.geometry import Array, rotation_from_vector, vector_from_rotation
 from pretouch.scene import Scene
@@ -50,13 +50,13 @@ def label_scene(
     """
     rectangles = np.array([r.as_list() for r in draw_candidates(scene, settings.rectangles, rng)])
     moves = draw_offsets(settings.trials, rng)
-    trials = Trials(settings.matching, NOISE, near=settings.near, seed=int(rng.integers(2**31)))
+    trials = TrialSettings(settings.matching, NOISE, near=settings.near, seed=int(rng.integers(2**31)))
     view = view_of(scene, settings.matching)
     if not settings.best_only:
-        return rectangles, scores(view, rectangles, moves, trials, threads)
-    winner, _ = best(view, rectangles, moves, trials, threads)
+        return rectangles, compute_scores(view, rectangles, moves, trials, threads)
+    winner, _ = find_best(view, rectangles, moves, trials, threads)
     found = np.full((len(rectangles), len(moves)), np.nan)
-    found[winner] = scores(view, rectangles[winner : winner + 1], moves, trials, 1, winner)
+    found[winner] = compute_scores(view, rectangles[winner : winner + 1], moves, trials, 1, winner)
     return rectangles, found
 
 

@@ -1,4 +1,4 @@
-"""How scans are matched: one interface, a file each."""
+"""The registration engines: one interface, and a module for each."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from pretouch_registrar.engines import paper, pcl, point_to_plane, posterior
 from pretouch_registrar.engines.camera_model import CameraModel
-from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.registration_problem import RegistrationProblem
 from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.solution import Solution
 
@@ -21,7 +21,7 @@ class Engine(StrEnum):
     PCL = "pcl"
 
 
-SOLVERS: dict[Engine, Callable[[Problem, CameraModel, Resources], Solution]] = {
+SOLVERS: dict[Engine, Callable[[RegistrationProblem, CameraModel, Resources], Solution]] = {
     Engine.POSTERIOR: posterior.solve,
     Engine.POINT_TO_PLANE: point_to_plane.solve,
     Engine.PAPER: paper.solve,

@@ -1,8 +1,8 @@
-"""How well a depth image is known, measured on the table that it shows.
+"""Measures the noise of a depth image on the table that it shows.
 
-A depth camera errs in two ways: each pixel by itself, and whole patches of a surface together, since cameras match
-image windows and drift. Only the second kind matters for a pose, because no number of pixels averages it out. How large
-it is for the camera at hand, its settings and the distance can be seen in the image itself: the table is flat.
+The errors of a depth camera have two parts: one independent for each pixel, and one common to whole patches of a
+surface, since cameras match image windows and drift. Only the second part matters for a pose, because averaging over
+pixels does not reduce it. Since the table is flat, the image itself shows how large both are.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from pretouch.geometry import Array
 from pretouch.scene import Scene
 
 PATCH = 0.015
-"""m: side of a patch of surface on which a camera's error is about the same."""
+"""m: side of a patch of surface over which a camera's error is about constant."""
 UNKNOWN_PATCH, UNKNOWN_PIXEL = 0.002, 0.003
-"""m: what is assumed where too little of the table is seen; real structured-light cameras are about as good."""
+"""m: assumed where too little of the table is seen; about that of real structured-light cameras."""
 _LEAST, _MOST = 0.0002, 0.004
 """m: bounds of the patches' standard deviation."""
 _BAND = 0.012
-"""m about the given plane within which a pixel is the table's."""
+"""m from the given plane within which a pixel shows the table."""
 _MARGIN = 6
-"""px kept from everything else."""
-_SOFT = 0.004
+"""px to everything else."""
+_SCALE = 0.004
 """m: residual at which a pixel counts half in the plane fit."""
 _ROUNDS = 5
 _FEWEST_PIXELS, _FEWEST_PATCHES = 300, 12
-_NORMAL = 1.4826
+_STD_PER_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 
@@ -45,12 +45,12 @@ class CameraNoise(NamedTuple):
     patch: float
 
 
-def camera_noise(scene: Scene) -> CameraNoise:
-    """Measured on the scene's table after a robust plane fit; an assumption where too little of it is seen."""
-    points = _table_points(scene)
+def measure_camera_noise(scene: Scene) -> CameraNoise:
+    """Measures it on the scene's table after a robust plane fit; a default where too little of the table is seen."""
+    points = _select_table_points(scene)
     if len(points) < _FEWEST_PIXELS:
         return CameraNoise(UNKNOWN_PIXEL, UNKNOWN_PATCH)
-    residuals = _off_plane(points)
+    residuals = _fit_plane(points)
     column, row = np.floor(points[:, :2] / PATCH).astype(np.int64).T
     patch = (column - column.min()) * (np.ptp(row) + 1) + row - row.min()
     sums, counts = np.bincount(patch, residuals), np.bincount(patch)
@@ -58,10 +58,10 @@ def camera_noise(scene: Scene) -> CameraNoise:
     means = sums[there] / counts[there]
     if len(means) < _FEWEST_PATCHES:
         return CameraNoise(UNKNOWN_PIXEL, UNKNOWN_PATCH)
-    return CameraNoise(_robust_std(residuals), float(np.clip(_robust_std(means), _LEAST, _MOST)))
+    return CameraNoise(_compute_robust_std(residuals), float(np.clip(_compute_robust_std(means), _LEAST, _MOST)))
 
 
-def _table_points(scene: Scene) -> Array:
+def _select_table_points(scene: Scene) -> Array:
     """(n, 3), m, in the table's axes: pixels of the table, away from everything that stands on it."""
     seen = scene.depth.metres > 0
     height = scene.table.height(scene.organised)
@@ -70,17 +70,17 @@ def _table_points(scene: Scene) -> Array:
     return np.asarray(scene.organised[free] @ scene.table.frame().rotation, dtype=np.float64)
 
 
-def _off_plane(points: Array) -> Array:
-    """(n,), m: how far points (n, 3), whose z is the height, lie above the plane that fits them best."""
+def _fit_plane(points: Array) -> Array:
+    """(n,), m: the heights of points (n, 3), z upwards, above their robustly fitted plane."""
     design = np.column_stack([points[:, :2] - points[:, :2].mean(axis=0), np.ones(len(points))])
     weight = np.ones(len(points))
     for _ in range(_ROUNDS):
         weighted = design * weight[:, None]
         plane = np.linalg.solve(weighted.T @ design, weighted.T @ points[:, 2])
         residuals = points[:, 2] - design @ plane
-        weight = 1.0 / (1.0 + (residuals / _SOFT) ** 2)
+        weight = 1.0 / (1.0 + (residuals / _SCALE) ** 2)
     return np.asarray(residuals, dtype=np.float64)
 
 
-def _robust_std(values: Array) -> float:
-    return float(_NORMAL * np.median(np.abs(values - np.median(values))))
+def _compute_robust_std(values: Array) -> float:
+    return float(_STD_PER_MAD * np.median(np.abs(values - np.median(values))))

@@ -1,7 +1,7 @@
-"""A pose correction x = (w, d) applied backwards, in compiled code.
+"""The inverse of a pose correction x = (w, d), in compiled code.
 
-p -> exp(w) (p - c) + c + d takes a point from where the camera put it to where it truly is; c is the object's centroid,
-base axes, rad and m. What the finger measured is carried back by it, to where the camera would have put it.
+The correction p -> exp(w) (p - c) + c + d maps a point from where the camera put it to where it is; c is the object's
+centroid; base axes, rad and m. Its inverse carries what the finger measured back to where the camera would have put it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ Vector = tuple[float, float, float]
 
 
 @njit(cache=True, nogil=True, inline="always")
-def carried_back(x: Array, r: Array, centroid: Array, points: Array, n: int) -> Vector:
+def carry_back(x: Array, r: Array, centroid: Array, points: Array, n: int) -> Vector:
     """Where the camera would have put row n of points (m, 3), under x (6,) with r = exp(w) (3, 3)."""
     y0 = points[n, 0] - centroid[0] - x[3]
     y1 = points[n, 1] - centroid[1] - x[4]
@@ -27,8 +27,8 @@ def carried_back(x: Array, r: Array, centroid: Array, points: Array, n: int) -> 
 
 
 @njit(cache=True, nogil=True, inline="always")
-def turned_back(r: Array, directions: Array, n: int) -> Vector:
-    """Row n of directions (m, 3) as `carried_back` turns it."""
+def turn_back(r: Array, directions: Array, n: int) -> Vector:
+    """Row n of directions (m, 3), rotated as by `carry_back`."""
     d0 = r[0, 0] * directions[n, 0] + r[1, 0] * directions[n, 1] + r[2, 0] * directions[n, 2]
     d1 = r[0, 1] * directions[n, 0] + r[1, 1] * directions[n, 1] + r[2, 1] * directions[n, 2]
     d2 = r[0, 2] * directions[n, 0] + r[1, 2] * directions[n, 1] + r[2, 2] * directions[n, 2]
@@ -36,10 +36,10 @@ def turned_back(r: Array, directions: Array, n: int) -> Vector:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def by_correction(x: Array, r: Array, centroid: Array, points: Array, n: int, gradient: Vector, row: Array) -> None:
-    """Fills `row` (6,): a residual's derivatives by the correction, turned on the left by a small rotation vector.
+def fill_jacobian_row(x: Array, r: Array, centroid: Array, points: Array, n: int, gradient: Vector, row: Array) -> None:
+    """Fills `row` (6,), a residual's derivative by the correction, perturbed on the left by a small rotation vector.
 
-    `gradient` is the residual's by the point where `carried_back` puts row n of points (m, 3).
+    `gradient` is the residual's derivative by row n of points (m, 3) as carried back.
     """
     g0 = r[0, 0] * gradient[0] + r[0, 1] * gradient[1] + r[0, 2] * gradient[2]
     g1 = r[1, 0] * gradient[0] + r[1, 1] * gradient[1] + r[1, 2] * gradient[2]

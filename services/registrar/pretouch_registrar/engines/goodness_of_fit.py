@@ -1,8 +1,8 @@
-"""Whether an answer explains the samples: a posterior predictive check.
+"""Tests whether a solution explains the samples: a posterior predictive check.
 
-Of the samples, counted by their worth, some share contradicts even a right answer: outliers, and what the models of
-camera and finger get wrong. That share differs from world to world, here by a beta distribution, so that the number of
-contradictions is beta-binomial. Its tail beyond what is observed is the p-value.
+A share of the samples, counted by their weights, contradicts even a correct solution: outliers, and errors of the
+models of camera and finger. That share varies with object and sensor, by a beta distribution, so that the number of
+contradicting samples is beta-binomial. The p-value is the tail probability of the observed number.
 """
 
 from __future__ import annotations
@@ -13,35 +13,35 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import betabinom
 
-from pretouch_registrar.engines.inliers import Judged
-from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.inliers import Classification
+from pretouch_registrar.engines.registration_problem import RegistrationProblem
 
 _SHARE, _WIDE_SHARE = 0.04, 0.20
-"""Mean share of contradicting samples under right answers, thin and wide beams, on training meshes."""
-_WORLDS = 12.0
-"""How alike that share is in different worlds: a and b of the beta distribution sum to this."""
+"""Mean share of samples that contradict correct solutions on training meshes, for thin and wide beams."""
+_CONCENTRATION = 12.0
+"""a + b of the beta distribution of that share."""
 
 
-def p_value(verdict: Judged, problem: Problem, scans: Sequence[int]) -> float:
-    """In [0, 1]: of all samples together and of each scan, whichever fits worst, corrected for their number.
+def compute_p_value(classification: Classification, problem: RegistrationProblem, scans: Sequence[int]) -> float:
+    """The p-value, in [0, 1]: of all samples together, or of the worst scan, corrected for the number of tests.
 
     Args:
-        scans: how many of the problem's beams belong to each scan, in their order.
+        scans: how many of the problem's beams belong to each scan, in the same order.
     """
-    together = _tail(verdict, problem, slice(None))
+    together = _tail_probability(classification, problem, slice(None))
     ends = np.cumsum([0, *scans])
     if len(scans) < 2:
         return together
-    single = min(_tail(verdict, problem, slice(start, end)) for start, end in pairwise(ends))
+    single = min(_tail_probability(classification, problem, slice(start, end)) for start, end in pairwise(ends))
     return min(1.0, 2.0 * min(together, len(scans) * single))
 
 
-def _tail(verdict: Judged, problem: Problem, part: slice) -> float:
+def _tail_probability(classification: Classification, problem: RegistrationProblem, part: slice) -> float:
     weights = problem.beams.weights[part]
     if not len(weights):
         return 1.0
-    share = float(weights[verdict.contradict[part]].sum()) / max(float(weights.sum()), 1e-9)
+    share = float(weights[classification.contradicting[part]].sum()) / max(float(weights.sum()), 1e-9)
     count = max(1, round(float(weights.sum()) / problem.temperature))
     expected = _WIDE_SHARE if problem.wide else _SHARE
     observed = round(share * count)
-    return float(betabinom.sf(observed - 1, count, expected * _WORLDS, (1.0 - expected) * _WORLDS))
+    return float(betabinom.sf(observed - 1, count, expected * _CONCENTRATION, (1.0 - expected) * _CONCENTRATION))

@@ -1,8 +1,9 @@
 """Point-to-point ICP with or without trimming, compiled.
 
-After Besl and McKay (PAMI 1992): nearest neighbours, best motion in closed form, again until nothing moves. With
+After Besl and McKay (PAMI 1992): nearest neighbours and the best rigid motion in closed form, until convergence. With
 trimming, after Phillips, Liu and Tomasi, "Outlier Robust ICP for Minimizing Fractional RMSD" (3DIM 2007): each round
-keeps the k closest pairs for which FRMSD = sqrt(sum of the k smallest squared distances / k) / (k / n)^lambda is least.
+keeps the k closest correspondences, with k minimising
+FRMSD = sqrt(sum of the k smallest squared distances / k) / (k / n)^lambda.
 """
 
 from __future__ import annotations
@@ -12,31 +13,31 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.neighbours import Index, find, no_pairs
-from pretouch_registrar.engines.rigid import fit, move
+from pretouch_registrar.engines.neighbours import Index, find_neighbours, make_correspondences
+from pretouch_registrar.engines.rigid import apply_motion, fit_rigid_motion
 
 MAX_DISTANCE = 0.05
-"""m: pairs further apart are not considered."""
+"""m: correspondences further apart are not considered."""
 LAMBDA = 0.95
-MIN_PAIRS = 6
+MIN_CORRESPONDENCES = 6
 MAX_ROUNDS = 50
-_SETTLED = 1e-8
+_MIN_FRMSD_CHANGE = 1e-8
 """m: change of FRMSD at which trimmed ICP ends."""
-_STILL = 1e-5
-"""m: plain ICP ends when no kept pair's point moves further in a round."""
-_SORTING_STEPS = 8
-"""Steps an entry at which keeping last round's order is given up and the order made anew."""
+_MIN_STEP = 1e-5
+"""m: plain ICP ends when no point moves further in a round."""
+_MAX_SORTING_STEPS = 8
+"""Steps per entry after which insertion sort, quick for a nearly sorted order, is given up for a full sort."""
 
 
 @njit(cache=True, nogil=True)
 def align(source: Array, index: Index, trimmed: bool, r: Array, t: Array) -> int:
     """Fills r (3, 3), t (3,) with the motion of `source` (n, 3) onto the target of `index`, m: target = r source + t.
 
-    Returns the pairs that the last round kept; 0, with r and t as they were last, once fewer than MIN_PAIRS are within
-    MAX_DISTANCE.
+    Returns how many correspondences the last round kept; 0, with r and t as in the round before, once fewer than
+    MIN_CORRESPONDENCES are within MAX_DISTANCE.
     """
     n = source.shape[0]
-    pairs = no_pairs(n)
+    correspondences = make_correspondences(n)
     moved = source.copy()
     kept, kept_before = np.empty(n, np.bool_), np.zeros(n, np.bool_)
     neighbour_before = np.full(n, -1, np.int32)
@@ -49,39 +50,39 @@ def align(source: Array, index: Index, trimmed: bool, r: Array, t: Array) -> int
     previous = np.inf
     count = 0
     for _ in range(MAX_ROUNDS):
-        find(moved, index, MAX_DISTANCE, pairs)
+        find_neighbours(moved, index, MAX_DISTANCE, correspondences)
         count = 0
         for i in range(n):
-            kept[i] = pairs.neighbour[i] >= 0
+            kept[i] = correspondences.neighbour[i] >= 0
             count += kept[i]
-        if count < MIN_PAIRS:
+        if count < MIN_CORRESPONDENCES:
             return 0
         if trimmed:
-            _sort(order, pairs.distance)
+            _sort(order, correspondences.distance)
             paired = count
-            count, least = _least_frmsd(order, pairs.distance, weight, paired)
+            count, least = _minimise_frmsd(order, correspondences.distance, weight, paired)
             for k in range(count, paired):
                 kept[order[k]] = False
-        if _same(pairs.neighbour, neighbour_before, kept, kept_before):
+        if _update_kept(correspondences.neighbour, neighbour_before, kept, kept_before):
             break
-        fit(moved, index.points, pairs.neighbour, kept, turn, shift)
+        fit_rigid_motion(moved, index.points, correspondences.neighbour, kept, turn, shift)
         compose(turn, shift, r, t)
-        move(r, t, source, moved)
+        apply_motion(r, t, source, moved)
         if trimmed:
-            if abs(previous - least) < _SETTLED:
+            if abs(previous - least) < _MIN_FRMSD_CHANGE:
                 break
             previous = least
-        elif _largest_step(turn, shift, moved) < _STILL:
+        elif _compute_largest_step(turn, shift, moved) < _MIN_STEP:
             break
     return count
 
 
 @njit(cache=True, nogil=True)
-def _same(
+def _update_kept(
     neighbour: NDArray[np.int32], neighbour_before: NDArray[np.int32], kept: NDArray[np.bool_],
     kept_before: NDArray[np.bool_],
 ) -> bool:  # fmt: skip
-    """Whether all kept pairs are those of the round before, so that nothing would move any more; notes them if not."""
+    """Whether the kept correspondences are those of the round before, and ICP has converged; stores them if not."""
     same = True
     for i in range(kept.shape[0]):
         if kept[i] != kept_before[i] or (kept[i] and neighbour[i] != neighbour_before[i]):
@@ -103,8 +104,8 @@ def compose(turn: Array, shift: Array, r: Array, t: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _largest_step(turn: Array, shift: Array, moved: Array) -> float:
-    """m: how far the motion at most carries one of the points (n, 3) that it has led to."""
+def _compute_largest_step(turn: Array, shift: Array, moved: Array) -> float:
+    """m: the largest step by which the motion has moved a point to its place in `moved` (n, 3)."""
     most = 0.0
     for i in range(moved.shape[0]):
         step = 0.0
@@ -116,25 +117,25 @@ def _largest_step(turn: Array, shift: Array, moved: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _least_frmsd(order: NDArray[np.int64], distance: Array, weight: Array, paired: int) -> tuple[int, float]:
-    """How many of the `paired` closest pairs have the least FRMSD, and that FRMSD, m.
+def _minimise_frmsd(order: NDArray[np.int64], distance: Array, weight: Array, paired: int) -> tuple[int, float]:
+    """How many of the `paired` closest correspondences minimise the FRMSD, and that FRMSD, m.
 
-    weight (n,): (k + 1)^(-1 - 2 lambda).
+    `weight` (n,) is (k + 1)^(-1 - 2 lambda).
     """
     total = 0.0
     best, count = np.inf, paired
     for k in range(paired):
         d = distance[order[k]]
         total += d * d
-        if k + 1 >= MIN_PAIRS and total * weight[k] < best:
+        if k + 1 >= MIN_CORRESPONDENCES and total * weight[k] < best:
             best, count = total * weight[k], k + 1
     return count, np.sqrt(best) * paired**LAMBDA
 
 
 @njit(cache=True, nogil=True)
 def _sort(order: NDArray[np.int64], distance: Array) -> None:
-    """Sorts `order` (n,), a permutation, by distance (n,); quick where the last round's order nearly holds."""
-    budget = _SORTING_STEPS * order.shape[0]
+    """Sorts `order` (n,), a permutation, by distance (n,); quick if it is nearly sorted already."""
+    budget = _MAX_SORTING_STEPS * order.shape[0]
     for k in range(1, order.shape[0]):
         i = order[k]
         d = distance[i]

@@ -1,11 +1,11 @@
-"""Many scans of one depth image, matched at once: the inner loops of the paper's Algorithm 1.
+"""Registers many simulated scans of one depth image: the inner loops of the paper's Algorithm 1.
 
-After Lancaster, Yang and Smith (IROS 2017). For each rectangle and each offset: the target is cut out of the camera's
-cloud K where it projects near the rectangle's perimeter; the source out of the cloud K' that the offset has moved,
-where it projects on the perimeter, with Gaussian noise; the score is the mean distance of the matched source from its
-true match. A rectangle is as good as its worst trial.
+After Lancaster, Yang and Smith (IROS 2017). In each trial, of one rectangle and one offset, the target is the part of
+the camera's cloud K that projects near the rectangle's perimeter. The source is the part of K', which is K moved by the
+offset, that projects on the perimeter, with Gaussian noise. The score is the mean distance of the registered source
+from its true place. The worst trial of a rectangle decides.
 
-The noise is fixed by seed, rectangle and trial, so that scores do not depend on the number of threads, and one call's
+The noise is seeded by seed, rectangle and trial, so that scores do not depend on the number of threads, and so that the
 rectangles may be split over several calls by `first`.
 """
 
@@ -26,19 +26,19 @@ from pretouch.errors import InvalidInput
 from pretouch.estimate import Prior
 from pretouch.geometry import Array, frozen_array, rotations_from_vectors
 from pretouch_registrar.engines import icp, pcl, point_to_plane, so3
-from pretouch_registrar.engines.neighbours import Index, index_of
-from pretouch_registrar.engines.perimeter import among_blocks, around_perimeter, blocks, in_tiles
+from pretouch_registrar.engines.neighbours import Index, build_index
+from pretouch_registrar.engines.perimeter import enclose_blocks, find_in_blocks, find_near_perimeter, sort_by_tile
 
 _CHUNK = 8
-"""Rectangles that a thread takes at a time."""
+"""Rectangles that a thread scores at a time."""
 _PILOT = 16
-"""Rectangles that are scored whole before any is given up."""
+"""Rectangles that are scored in all trials before any is pruned."""
 _PLANE_NOISE = 0.0025
-"""m: of a distance along a normal, when matching is point to plane: the sensor's and the surface's."""
+"""m: standard deviation of a distance along a normal in point-to-plane matching, of sensor and surface together."""
 
 
 class Matching(IntEnum):
-    """How source and target are matched: by which engine's kernel, or by ICP without any rejection."""
+    """The registration method: an engine's kernel, or ICP without outlier rejection."""
 
     PLAIN = 0
     PAPER = 1
@@ -47,8 +47,8 @@ class Matching(IntEnum):
 
 
 @dataclass(frozen=True)
-class Trials:
-    """What happens in each trial.
+class TrialSettings:
+    """The settings of all trials.
 
     Attributes:
         matching: point to plane needs the image's normals.
@@ -73,7 +73,7 @@ class View:
     Attributes:
         cloud: (h, w, 3), m.
         mask: (h, w) bool, the object's points.
-        camera: which projects them.
+        camera: the intrinsics.
         normals: (h, w, 3), unit; only point to plane needs them.
 
     Raises:
@@ -95,13 +95,18 @@ class View:
             )
 
 
-def scores(
-    view: View, rectangles: ArrayLike, offsets: ArrayLike, trials: Trials, threads: int | None = None, first: int = 0
+def compute_scores(
+    view: View,
+    rectangles: ArrayLike,
+    offsets: ArrayLike,
+    trials: TrialSettings,
+    threads: int | None = None,
+    first: int = 0,
 ) -> Array:
     """(r, t), m: each rectangle's score in each trial.
 
-    A scan that cannot be matched, having too few points, scores what it would without a match; one without any point,
-    what the whole object would.
+    A scan with too few points to be registered is scored without registration; one without any point is scored by the
+    whole object.
 
     Args:
         rectangles: (r, 5) as [x, y, w, h, theta], px and rad.
@@ -110,42 +115,49 @@ def scores(
         first: number of the first rectangle, when a list is scored in parts.
 
     Raises:
-        Malformed, InvalidInput: shapes or numbers that make no sense.
+        Malformed, InvalidInput: wrong shapes or invalid numbers.
     """
-    work = _Work(view, rectangles, offsets, trials, threads, first)
-    return work.scored(np.arange(len(work.boxes)), np.arange(len(work.moves)))
+    work = _Scorer(view, rectangles, offsets, trials, threads, first)
+    return work.score(np.arange(len(work.boxes)), np.arange(len(work.moves)))
 
 
-def best(
-    view: View, rectangles: ArrayLike, offsets: ArrayLike, trials: Trials, threads: int | None = None
+def find_best(
+    view: View, rectangles: ArrayLike, offsets: ArrayLike, trials: TrialSettings, threads: int | None = None
 ) -> tuple[int, float]:
-    """The rectangle whose worst trial scores least, and that score, m: the same as by `scores`, in less time.
+    """The rectangle with the lowest score in its worst trial, and that score, m: as by `compute_scores`, but quicker.
 
-    A few rectangles are scored whole; they tell which trials are the hard ones. The others are scored in the hardest,
-    and, the least first, in the next hardest and so on until a trial scores worse than the worst of another rectangle.
+    A few rectangles are scored in all trials, which shows which trials are the hardest. The others are scored in the
+    hardest one, and then, in the order of that score, in the next hardest and so on, until a score exceeds the worst
+    score of another rectangle.
     """
-    work = _Work(view, rectangles, offsets, trials, threads, 0)
+    work = _Scorer(view, rectangles, offsets, trials, threads, 0)
     number = len(work.boxes)
     worst = np.full(number, np.inf)
     pilot = np.unique(np.linspace(0, number - 1, _PILOT).astype(np.int64))
-    known = work.scored(pilot, np.arange(len(work.moves)))
+    known = work.score(pilot, np.arange(len(work.moves)))
     worst[pilot] = known.max(axis=1)
     hardest = np.argsort(-known.mean(axis=0), kind="stable")
     bound = np.array([worst.min()])
     others = np.setdiff1d(np.arange(number), pilot)
-    first = work.scored(others, hardest[:1])[:, 0]
+    first = work.score(others, hardest[:1])[:, 0]
     hopeful = np.argsort(first, kind="stable")[: int((first <= bound[0]).sum())]
-    rest = work.scored(others[hopeful], hardest[1:], first[hopeful], bound)
+    rest = work.score(others[hopeful], hardest[1:], first[hopeful], bound)
     worst[others[hopeful]] = np.maximum(first[hopeful], rest.max(axis=1, initial=0.0))
     winner = int(np.argmin(worst))
     return winner, float(worst[winner])
 
 
-class _Work:
-    """What all rectangles and trials of one view have in common."""
+class _Scorer:
+    """Scores rectangles of one view, with what all of its trials share."""
 
     def __init__(
-        self, view: View, rectangles: ArrayLike, offsets: ArrayLike, trials: Trials, threads: int | None, first: int
+        self,
+        view: View,
+        rectangles: ArrayLike,
+        offsets: ArrayLike,
+        trials: TrialSettings,
+        threads: int | None,
+        first: int,
     ) -> None:
         self.boxes = np.ascontiguousarray(frozen_array(rectangles, (None, 5), "rectangles"))
         self.moves = np.ascontiguousarray(frozen_array(offsets, (None, 6), "offsets"))
@@ -164,24 +176,24 @@ class _Work:
         seen = view.camera.project(points).astype(np.float32)
         moved_seen = view.camera.project(moved).astype(np.float32)
         prior = trials.prior.inverse_variances()
-        tiles = in_tiles(seen)
+        tiles = sort_by_tile(seen)
         self._points: tuple[Any, ...] = points, np.ascontiguousarray(normals, dtype=np.float64), seen
         self._moved: tuple[Any, ...] = (
             moved,
             tiles,
             np.ascontiguousarray(moved_seen[:, tiles]),
-            blocks(moved_seen[:, tiles]),
+            enclose_blocks(moved_seen[:, tiles]),
         )
         self._motion: tuple[Any, ...] = turns, self.moves, centre, prior
 
-    def scored(
+    def score(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64], so_far: Array | None = None,
         bound: Array | None = None,
     ) -> Array:  # fmt: skip
         """Scores (r, t), m, of the rectangles `rows` (r,) in the trials `columns` (t,).
 
-        With `bound` (1,), m: inf from the trial on in which a rectangle, at `so_far` (r,) to begin with, exceeds it; it
-        is lowered to the worst of each that does not.
+        With `bound` (1,), m, rectangles are pruned: a rectangle's scores are inf from the trial on in which its worst
+        score, `so_far` (r,) at first, exceeds the bound. The bound is lowered to the worst score of each other one.
         """
         result = np.empty((len(rows), len(columns)))
         before = np.zeros(len(rows)) if so_far is None else so_far
@@ -208,32 +220,32 @@ def _score(
     matching: int, noise: float, on: float, near: float, seed: int, numbers: NDArray[np.int64],
     columns: NDArray[np.int64], so_far: Array, pruned: bool, bound: Array, result: Array,
 ) -> None:  # fmt: skip
-    """Fills `result` (r, t), m, for `boxes` (r, 5), of these `numbers` (r,), in the trials `columns` (t,)."""
+    """Fills `result` (r, t), m, for rectangles `boxes` (r, 5), numbered `numbers` (r,), in trials `columns` (t,)."""
     r, t = np.eye(3), np.zeros(3)
     for b in range(boxes.shape[0]):
         if pruned and so_far[b] > bound[0]:
             result[b] = np.inf
             continue
-        near_by = around_perimeter(seen, boxes[b], near)
+        near_by = find_near_perimeter(seen, boxes[b], near)
         target = points[near_by]
         if matching == 2:
             for i in range(target.shape[0]):
                 for k in range(3):
                     target[i, k] = np.float32(target[i, k])
-        matchable = target.shape[0] >= icp.MIN_PAIRS
-        index = index_of(target if matchable else centre.reshape(1, 3))
+        matchable = target.shape[0] >= icp.MIN_CORRESPONDENCES
+        index = build_index(target if matchable else centre.reshape(1, 3))
         surface = normals[near_by][index.order] if matchable else normals[:1]
         worst = so_far[b]
         for c in range(columns.shape[0]):
             j = columns[c]
-            met = among_blocks(moved_seen[j], moved_blocks[j], tiles, boxes[b], on)
+            met = find_in_blocks(moved_seen[j], moved_blocks[j], tiles, boxes[b], on)
             source = moved[j][met]
             np.random.seed((seed + numbers[b] * moves.shape[0] + j) % 4294967296)
             for i in range(source.shape[0]):
                 for k in range(3):
                     source[i, k] += noise * np.random.standard_normal()
             r[:], t[:] = np.eye(3), np.zeros(3)
-            if matchable and source.shape[0] >= icp.MIN_PAIRS:
+            if matchable and source.shape[0] >= icp.MIN_CORRESPONDENCES:
                 _match(source, index, surface, centre, prior, matching, r, t)
             judged = source if source.shape[0] > 0 else moved[j]
             result[b, c] = _mean_error(judged, r, t, turns[j], centre, moves[j])
@@ -249,7 +261,7 @@ def _score(
 def _match(
     source: Array, index: Index, surface: Array, centre: Array, prior: Array, matching: int, r: Array, t: Array
 ) -> None:
-    """Fills r (3, 3), t (3,) with the motion of the source onto the target by one of the kernels."""
+    """Fills r (3, 3), t (3,) with the motion of the source onto the target, by the kernel of `matching`."""
     if matching == 2:
         pcl.match(source, index, r, t)
     elif matching == 3:
@@ -269,7 +281,7 @@ def _match(
 
 @njit(cache=True, nogil=True)
 def _mean_error(source: Array, r: Array, t: Array, turn: Array, centre: Array, move: Array) -> float:
-    """m: mean distance of the source (n, 3), matched by (r, t), from where `move` (6,), undone, puts it."""
+    """m: mean distance of the source (n, 3), registered by (r, t), from where the inverse of `move` (6,) puts it."""
     total = 0.0
     for i in range(source.shape[0]):
         y0 = source[i, 0] - centre[0] - move[3]

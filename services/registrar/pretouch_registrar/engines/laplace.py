@@ -1,8 +1,7 @@
-"""Laplace's approximation: the covariance that the cost's curvature at a correction stands for.
+"""The Laplace approximation: the covariance from the curvature of the cost at a correction.
 
-The curvature is that of the quadratic that fits the cost best over the spread of a covariance around the correction:
-least squares over fixed antithetic draws in whitened coordinates, so that odd terms cancel and the roughness of the
-cost averages out.
+The curvature is that of a quadratic that is fitted to the cost by least squares, over fixed antithetic draws in
+coordinates whitened by the covariance, so that odd terms cancel and the roughness of the cost averages out.
 """
 
 from __future__ import annotations
@@ -13,20 +12,25 @@ import numpy as np
 from numba import njit
 
 from pretouch.geometry import Array
-from pretouch_registrar.engines.objective import energies, normal_equations, spread_energies, supposing_likeliest
-from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.objective import (
+    assume_likeliest_hypothesis,
+    compute_energies,
+    compute_energies_in_parallel,
+    linearize,
+)
+from pretouch_registrar.engines.registration_problem import RegistrationProblem
 from pretouch_registrar.engines.resources import Resources
 
 _ROUNDS = 2
 _PAIRS = 56
-"""Antithetic pairs of corrections that the curvature is taken from, each round."""
+"""Antithetic pairs of corrections that the quadratic is fitted to, in each round."""
 
 
 @cache
-def curvature_draws() -> tuple[Array, Array]:
-    """Standard normal draws (_PAIRS, 6), and the least squares fit (22, _PAIRS) of a quadratic to values at them.
+def make_curvature_draws() -> tuple[Array, Array]:
+    """Standard normal draws (_PAIRS, 6), and the matrix (22, _PAIRS) that fits a quadratic to values at them.
 
-    Its constant, then the coefficients of the products of components i <= j, row by row.
+    It gives the constant, then the coefficients of the products of components i <= j, row by row.
     """
     draws = np.random.default_rng(2).standard_normal((_PAIRS, 6))
     first, second = np.triu_indices(6)
@@ -34,20 +38,20 @@ def curvature_draws() -> tuple[Array, Array]:
     return draws, np.linalg.pinv(design)
 
 
-def covariance_at(problem: Problem, x: Array, resources: Resources) -> Array:
-    """The covariance (6, 6) that the energy's curvature at x (6,) stands for, at the scale of that covariance.
+def compute_covariance(problem: RegistrationProblem, x: Array, resources: Resources) -> Array:
+    """The covariance (6, 6) from the energy's curvature at x (6,), at the scale of that covariance.
 
-    The prior counts as a normal one. From the width that half the derivatives' information gives: wider, the saturated
-    cost would look flat; narrower, its roughness would look like curvature.
+    The prior is taken to be normal. The first scale is that of half the Gauss-Newton information: with a wider one the
+    saturated cost would look flat, and with a narrower one its roughness would look like curvature.
     """
-    draws, fit = curvature_draws()
-    free = problem.free()
-    information, _, _ = normal_equations(x, supposing_likeliest(x, free))
+    draws, fit = make_curvature_draws()
+    free = problem.without_prior()
+    information, _, _ = linearize(x, assume_likeliest_hypothesis(x, free))
     covariance = np.asarray(np.linalg.inv(information / 2 + np.diag(problem.prior)), dtype=np.float64)
     for _ in range(_ROUNDS):
         root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
         spread = draws @ root.T
-        levels = spread_energies(np.concatenate([x + spread, x - spread]), free, resources)
+        levels = compute_energies_in_parallel(np.concatenate([x + spread, x - spread]), free, resources)
         coefficients = fit @ (0.5 * (levels[:_PAIRS] + levels[_PAIRS:]))
         covariance = _covariance_of_quadratic(coefficients[1:], root, np.diag(problem.prior))
     return covariance
@@ -79,19 +83,19 @@ _compiled_covariance_of_quadratic = njit(cache=True, nogil=True)(_covariance_of_
 
 
 @njit(cache=True, nogil=True)
-def covariance_after(x: Array, problem: Problem, precision: Array, draws: Array, fit: Array) -> Array:
+def update_covariance(x: Array, problem: RegistrationProblem, precision: Array, draws: Array, fit: Array) -> Array:
     """The covariance (6, 6) at x (6,) of a normal density with `precision` (6, 6) after the beams of `problem`.
 
-    As `covariance_at`, compiled and on one thread, with the draws and the fit (21, _PAIRS), less the constant's row, of
-    `curvature_draws`; at first over the spread of four times the covariance that the derivatives give,
-    which see neither the edges nor where the cost saturates.
+    It is `compute_covariance` compiled and on one thread, with the draws of `make_curvature_draws` and its matrix
+    without the constant's row (21, _PAIRS). It starts from the covariance of a quarter of the Gauss-Newton information,
+    which knows neither the edges nor where the cost saturates.
     """
-    information, _, _ = normal_equations(x, problem)
+    information, _, _ = linearize(x, problem)
     covariance = np.linalg.inv(information / 4 + precision)
     for _ in range(_ROUNDS):
         root = np.linalg.cholesky(covariance)
         spread = draws @ root.T
-        levels = energies(np.concatenate((x + spread, x - spread)), problem)
+        levels = compute_energies(np.concatenate((x + spread, x - spread)), problem)
         coefficients = fit @ (0.5 * (levels[:_PAIRS] + levels[_PAIRS:]))
         covariance = _compiled_covariance_of_quadratic(coefficients, root, precision)
     result: Array = covariance.astype(np.float64)

@@ -1,8 +1,9 @@
 """Exact nearest neighbours among a target's points, by a uniform grid that is built once per target.
 
-Between the rounds of an ICP a point moves little. `find` lists for each point the few nearest targets of its last
-search, and how far all others were: while the nearest one listed is nearer than that, less what the point has moved
-since, no search is needed. A search visits only the cells that a ball through the last neighbour meets.
+Between the rounds of an ICP a point moves little. Therefore `find_neighbours` keeps, for each source point, the few
+nearest target points of its last search, and a lower bound on the distance of all others. As long as the nearest one
+kept is nearer than that bound, less what the point has moved since, no search is needed. A search visits only the cells
+that a ball through the last neighbour meets.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 
 MAX_TARGET = 200_000
-"""Larger targets are thinned out to this many points, evenly in their given order, such as an image's rows."""
+"""Larger targets are subsampled to this many points, evenly in their given order, such as an image's rows."""
 _POINTS_PER_CELL = 5.0
 _CELLS_PER_POINT = 16
 _SMALLEST_CELL = 1e-4
 _SLACK = 0.4
-"""Cells that a search looks further than the nearest point, so that later rounds can do without a search."""
-_LISTED = 8
-"""Nearest targets kept from a search."""
+"""Cells by which a search goes beyond the nearest point, so that later rounds need no search."""
+_LIST_LENGTH = 8
+"""Nearest target points that a search keeps."""
 
 
 class Index(NamedTuple):
@@ -31,9 +32,9 @@ class Index(NamedTuple):
 
     Attributes:
         points: (m, 3), m, in the order of the cells.
-        order: (m,) where each of them was in the target.
-        starts: (cells + 1,) first point of each cell; cells along the last axis follow each other.
-        dims: (3,) cells per axis.
+        order: (m,), the index of each of them in the target.
+        starts: (cells + 1,), first point of each cell; the last axis varies fastest.
+        dims: (3,), cells per axis.
         low: (3,), m, the grid's corner.
         cell: m, a cell's side.
     """
@@ -46,16 +47,16 @@ class Index(NamedTuple):
     cell: float
 
 
-class Pairs(NamedTuple):
-    """What is known of n source points' neighbours.
+class Correspondences(NamedTuple):
+    """The nearest neighbours of n source points, and what their last searches found.
 
     Attributes:
-        neighbour: (n,) place in `Index.points`; -1 when there is none.
-        distance: (n,) to it, m; inf without one.
-        near: (n, _LISTED + 1) the targets nearest to the point at its last search, as places in `Index.points`.
-        listed: (n,) how many of them count.
-        others: (n,) m: at the last search no target that is not listed was nearer.
-        searched: (n, 3), m, where the point was at its last search.
+        neighbour: (n,), index into `Index.points`; -1 if there is none.
+        distance: (n,), m, to the neighbour; inf without one.
+        near: (n, _LIST_LENGTH + 1), the target points nearest to each point at its last search, as such indices.
+        listed: (n,), how many of them are valid.
+        others: (n,), m: at the last search no other target point was nearer than this.
+        searched: (n, 3), m, the point's position at its last search.
     """
 
     neighbour: NDArray[np.int32]
@@ -66,15 +67,15 @@ class Pairs(NamedTuple):
     searched: Array
 
 
-def thinned(target: Array, most: int = MAX_TARGET) -> Array:
-    """At most `most` of a target's points (m, 3), evenly in their order."""
+def subsample(target: Array, most: int = MAX_TARGET) -> Array:
+    """At most `most` of the points (m, 3), evenly in their order."""
     step = max(1, -(-len(target) // most))
     return np.ascontiguousarray(target[::step], dtype=np.float64)
 
 
 @njit(cache=True, nogil=True)
-def index_of(target: Array) -> Index:
-    """The grid over `target` (m, 3), m, m >= 1, finite; takes time in proportion to m."""
+def build_index(target: Array) -> Index:
+    """The grid over `target` (m, 3), m, m >= 1, finite; its time is proportional to m."""
     m = target.shape[0]
     low, high = target[0].copy(), target[0].copy()
     for i in range(m):
@@ -85,14 +86,14 @@ def index_of(target: Array) -> Index:
     area = sides[2] * max(sides[1], 0.05 * sides[2])
     cell = max(np.sqrt(_POINTS_PER_CELL * area / m), _SMALLEST_CELL)
     cells = np.empty(m, np.int32)
-    dims, starts, cell = _counted(target, low, high, cell, cells)
+    dims, starts, cell = _assign_cells(target, low, high, cell, cells)
     occupied = 0
     for g in range(starts.shape[0] - 1):
         if starts[g + 1] > starts[g]:
             occupied += 1
     crowding = m / (_POINTS_PER_CELL * occupied)
     if crowding > 1.5:
-        dims, starts, cell = _counted(target, low, high, max(cell / np.sqrt(crowding), _SMALLEST_CELL), cells)
+        dims, starts, cell = _assign_cells(target, low, high, max(cell / np.sqrt(crowding), _SMALLEST_CELL), cells)
     place = starts[:-1].copy()
     points, order = np.empty((m, 3)), np.empty(m, np.int32)
     for i in range(m):
@@ -105,10 +106,10 @@ def index_of(target: Array) -> Index:
 
 
 @njit(cache=True, nogil=True)
-def _counted(
+def _assign_cells(
     target: Array, low: Array, high: Array, cell: float, cells: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], float]:
-    """Cells per axis, first point of each cell, and the cell's side, wider than asked where cells would be too many.
+    """Cells per axis, first point of each cell, and a cell's side, enlarged where there would be too many cells.
 
     Fills `cells` (m,) with each point's cell.
     """
@@ -136,12 +137,12 @@ def _counted(
 
 
 @njit(cache=True, nogil=True)
-def no_pairs(n: int) -> Pairs:
-    """Nothing known yet of n source points."""
-    return Pairs(
+def make_correspondences(n: int) -> Correspondences:
+    """The correspondences of n source points before the first search."""
+    return Correspondences(
         np.full(n, -1, np.int32),
         np.full(n, np.inf),
-        np.empty((n, _LISTED + 1), np.int32),
+        np.empty((n, _LIST_LENGTH + 1), np.int32),
         np.zeros(n, np.int32),
         np.full(n, -1.0),
         np.zeros((n, 3)),
@@ -149,50 +150,58 @@ def no_pairs(n: int) -> Pairs:
 
 
 @njit(cache=True, nogil=True)
-def find(source: Array, index: Index, reach: float, pairs: Pairs) -> None:
-    """Brings `pairs` up to date for `source` (n, 3), m: each point's nearest target, if it is within `reach`, m."""
+def find_neighbours(source: Array, index: Index, reach: float, correspondences: Correspondences) -> None:
+    """Updates `correspondences` for `source` (n, 3), m: each point's nearest target point, if within `reach`, m."""
     points = index.points
-    distances = np.empty(_LISTED + 1)
+    distances = np.empty(_LIST_LENGTH + 1)
     before = -1
     for i in range(source.shape[0]):
         x, y, z = source[i, 0], source[i, 1], source[i, 2]
         best, nearest = -1, np.inf
-        for k in range(pairs.listed[i]):
-            j = pairs.near[i, k]
+        for k in range(correspondences.listed[i]):
+            j = correspondences.near[i, k]
             d = (x - points[j, 0]) ** 2 + (y - points[j, 1]) ** 2 + (z - points[j, 2]) ** 2
             if d < nearest:
                 best, nearest = j, d
         nearest = np.sqrt(nearest)
-        searched = pairs.searched[i]
+        searched = correspondences.searched[i]
         moved = np.sqrt((x - searched[0]) ** 2 + (y - searched[1]) ** 2 + (z - searched[2]) ** 2)
-        if min(nearest, reach) > pairs.others[i] - moved:
+        if min(nearest, reach) > correspondences.others[i] - moved:
             if best < 0 and before >= 0:
                 nearest = np.sqrt(
                     (x - points[before, 0]) ** 2 + (y - points[before, 1]) ** 2 + (z - points[before, 2]) ** 2
                 )
-            best, nearest = _search(x, y, z, index, min(nearest, reach), pairs, i, distances)
+            best, nearest = _search(x, y, z, index, min(nearest, reach), correspondences, i, distances)
         before = best
         if nearest <= reach:
-            pairs.neighbour[i], pairs.distance[i] = best, nearest
+            correspondences.neighbour[i], correspondences.distance[i] = best, nearest
         else:
-            pairs.neighbour[i], pairs.distance[i] = -1, np.inf
+            correspondences.neighbour[i], correspondences.distance[i] = -1, np.inf
 
 
 @njit(cache=True, nogil=True)
 def _search(
-    x: float, y: float, z: float, index: Index, farthest: float, pairs: Pairs, i: int, distances: Array
+    x: float,
+    y: float,
+    z: float,
+    index: Index,
+    farthest: float,
+    correspondences: Correspondences,
+    i: int,
+    distances: Array,
 ) -> tuple[int, float]:
-    """The nearest target, if it is within `farthest`, m, else one further away or -1 and inf; lists it and others.
+    """The nearest target point and its distance, m, if within `farthest`, m; otherwise one farther away, or -1 and inf.
 
-    Without a neighbour from an earlier search it looks in balls that grow, from a cell on, until one holds a target.
+    It keeps the nearest ones in `correspondences`. Without a neighbour from an earlier search, it searches balls that
+    grow from the size of a cell until one holds a target point.
     """
-    pairs.searched[i, 0], pairs.searched[i, 1], pairs.searched[i, 2] = x, y, z
+    correspondences.searched[i, 0], correspondences.searched[i, 1], correspondences.searched[i, 2] = x, y, z
     slack = _SLACK * index.cell
-    near = pairs.near[i]
-    radius = farthest if pairs.listed[i] > 0 else min(farthest, index.cell)
+    near = correspondences.near[i]
+    radius = farthest if correspondences.listed[i] > 0 else min(farthest, index.cell)
     while True:
-        count, pairs.others[i] = _ball(x, y, z, index, radius + slack, slack, near, distances)
-        pairs.listed[i] = count
+        count, correspondences.others[i] = _search_ball(x, y, z, index, radius + slack, slack, near, distances)
+        correspondences.listed[i] = count
         if count > 0:
             return near[0], np.sqrt(distances[0])
         if radius >= farthest:
@@ -201,13 +210,13 @@ def _search(
 
 
 @njit(cache=True, nogil=True)
-def _ball(
+def _search_ball(
     x: float, y: float, z: float, index: Index, radius: float, slack: float, near: NDArray[np.int32], distances: Array
 ) -> tuple[int, float]:
     """Fills `near` (k,) and `distances` (k,), m^2, with the nearest points within `radius`, in order.
 
-    Of those, the ones no further than `slack` beyond the nearest. Returns their number, at most _LISTED, and a
-    distance, m, that no point is nearer than that is not among them.
+    Only those no further than `slack` beyond the nearest are kept. Returns their number, at most _LIST_LENGTH, and a
+    lower bound, m, on the distance of all other points.
     """
     points, starts, cell, dims = index.points, index.starts, index.cell, index.dims
     u, v, w = x - index.low[0], y - index.low[1], z - index.low[2]
@@ -241,10 +250,10 @@ def _ball(
                 if k == 0:
                     wide = np.sqrt(d) + slack
                     limit = min(limit, wide * wide)
-                if count < _LISTED:
+                if count < _LIST_LENGTH:
                     count += 1
                 else:
-                    limit = min(limit, distances[_LISTED])
+                    limit = min(limit, distances[_LIST_LENGTH])
     while count > 0 and distances[count - 1] > limit:
         count -= 1
     return count, np.sqrt(limit)

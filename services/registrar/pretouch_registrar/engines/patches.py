@@ -1,7 +1,7 @@
-"""What samples are worth that share an error: all returns of one patch of the world err together with the camera.
+"""The effective number of samples that share an error: all returns of one patch of surface share the camera's.
 
-n samples with an error of their own, standard deviation a, and one in common, b, tell their mean as well as
-n (a^2 + b^2) / (a^2 + n b^2) independent ones with both errors: at most 1 + a^2 / b^2, however many they are.
+The mean of n samples with independent errors of standard deviation a and a common one of standard deviation b is as
+uncertain as that of n (a^2 + b^2) / (a^2 + n b^2) independent samples with both errors: at most 1 + a^2 / b^2.
 """
 
 from __future__ import annotations
@@ -14,36 +14,36 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 
 _MISS_DEPTH = 0.05
-"""m along a beam without a return where it is taken to have been."""
+"""m along a beam without a return: the place that decides its patch."""
 
 
 class SharedError(NamedTuple):
-    """Standard deviations, m, of one sample's `own` error and of the `common` one of all in a cube of side `patch`."""
+    """Standard deviations, m, of a sample's `own` error and of the `common` one in a cube of side `patch`."""
 
     own: float
     common: float
     patch: float
 
-    def worth(self, count: Array) -> Array:
-        """Independent samples that `count` (n,) samples of one patch are worth."""
+    def effective_count(self, count: Array) -> Array:
+        """(n,): the effective numbers of `count` (n,) samples of one patch."""
         own, common = self.own**2, self.common**2
         return np.asarray(count * (own + common) / (own + count * common), dtype=np.float64)
 
 
 class Patches(NamedTuple):
-    """How many samples lie in each patch: `keys` (k, 4), sorted as `numpy.unique` sorts rows, and `counts` (k,)."""
+    """The number of samples in each patch: `keys` (k, 4), sorted as by `numpy.unique`, and `counts` (k,)."""
 
     keys: NDArray[np.int64]
     counts: Array
 
 
-def patches_of(points: Array, directions: Array, returned: NDArray[np.bool_], error: SharedError) -> Patches:
+def find_patches(points: Array, directions: Array, returned: NDArray[np.bool_], error: SharedError) -> Patches:
     """The patches of samples: points (n, 3), m, where a beam ended, or began if it met nothing; directions (n, 3)."""
-    keys, counts = np.unique(_keys(points, directions, returned, error.patch), axis=0, return_counts=True)
+    keys, counts = np.unique(_find_cubes(points, directions, returned, error.patch), axis=0, return_counts=True)
     return Patches(keys, counts.astype(np.float64))
 
 
-def sample_weights(
+def compute_sample_weights(
     points: Array,
     directions: Array,
     returned: NDArray[np.bool_],
@@ -51,16 +51,16 @@ def sample_weights(
     each: float = 1.0,
     earlier: Patches | None = None,
 ) -> Array:
-    """(n,): what each sample adds in independent samples, all of one patch the same; arguments as `patches_of`.
+    """(n,): by how much each sample increases the effective number; equal within a patch. See `find_patches`.
 
     Args:
-        each: how many samples each of these stands for.
-        earlier: of samples that are known already, so that these tell only what is new.
+        each: how many samples each of these represents.
+        earlier: the patches of earlier samples, to which these are added.
     """
     if not len(points):
         return np.zeros(0)
     own, place, count = np.unique(
-        _keys(points, directions, returned, error.patch), axis=0, return_inverse=True, return_counts=True
+        _find_cubes(points, directions, returned, error.patch), axis=0, return_inverse=True, return_counts=True
     )
     before = np.zeros(len(own))
     if earlier is not None and len(earlier.keys):
@@ -69,11 +69,11 @@ def sample_weights(
         where = where.ravel()
         known[where[: len(earlier.keys)]] = earlier.counts
         before = known[where[len(earlier.keys) :]]
-    gain = error.worth(before + each * count) - error.worth(before)
+    gain = error.effective_count(before + each * count) - error.effective_count(before)
     return np.asarray((gain / count)[place.ravel()], dtype=np.float64)
 
 
-def _keys(points: Array, directions: Array, returned: NDArray[np.bool_], patch: float) -> NDArray[np.int64]:
+def _find_cubes(points: Array, directions: Array, returned: NDArray[np.bool_], patch: float) -> NDArray[np.int64]:
     """(n, 4): the cube of side `patch` that each sample lies in; misses have their own."""
     places = points + np.where(returned, 0.0, _MISS_DEPTH)[:, None] * directions
     return np.column_stack([np.floor(places / patch), returned]).astype(np.int64)

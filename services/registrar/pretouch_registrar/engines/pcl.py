@@ -1,18 +1,19 @@
-"""Engine `pcl`: what the paper's authors ran, PCL's ICP with its rejector `VarTrimmed`, defects included.
+"""Engine `pcl`: PCL's ICP with its rejector `VarTrimmed`, defects included, as the paper's authors used it.
 
-For comparison with results obtained by PCL (checked against 1.13.0). As there:
+For comparison with results obtained by PCL (checked against 1.13.0). As in PCL:
 
-- single precision: points are moved a round at a time in float32, and so every round's motion is rounded;
+- points are moved in single precision in each round, so that every round's motion is rounded;
 - the rejector sorts the distances in place and then compares the sorted ones with the unsorted pairs: it keeps the
   *first k pairs by index*, not the k closest, so that the order of the source's points decides;
-- its FRMSD for k pairs holds the sum of the smallest 5 % of the squared distances plus the k-th one, instead of the sum
-  of the k smallest; k = 5 % to 95 % of the pairs, and the one counted is one less than the best;
-- converged, at the first sign of any: the motion's cosine is at least 1 - 1e-8 and its length squared at most 1e-8
-  m^2; the mean squared distance changed by less than 1e-12 m^2 or by less than a millionth; 50 rounds. Fewer than three
-  pairs end it where it is.
+- its FRMSD for k pairs sums the smallest 5 % of the squared distances and the k-th one, instead of the k smallest; k is
+  5 % to 95 % of the pairs, and one pair fewer than the best k is kept;
+- it has converged at the first of these: the motion's cosine is at least 1 - 1e-8 and its length squared at most 1e-8
+  m^2; the mean squared distance changed by less than 1e-12 m^2 or by less than a millionth; 50 rounds. With fewer than
+  three pairs it stops where it is.
 
-It knows no uncertainty: the prior's is stated. Where the returns cannot fix a pose, being too few, on one line or
-nowhere near the object, the prior itself is the answer. A cloud of more than `neighbours.MAX_TARGET` points is thinned.
+It has no uncertainty and states the prior's. If the returns cannot determine a pose, since they are too few, on one
+line or far from the object, the solution is the prior. A cloud of more than `neighbours.MAX_TARGET` points is
+subsampled.
 """
 
 from __future__ import annotations
@@ -23,35 +24,37 @@ from numba import njit
 from pretouch.geometry import Array, Pose
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MAX_ROUNDS
-from pretouch_registrar.engines.neighbours import Index, find, index_of, no_pairs, thinned
-from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.neighbours import Index, build_index, find_neighbours, make_correspondences, subsample
+from pretouch_registrar.engines.point_matching import solve_by_matching
+from pretouch_registrar.engines.registration_problem import RegistrationProblem
 from pretouch_registrar.engines.resources import Resources
-from pretouch_registrar.engines.returns import matched
-from pretouch_registrar.engines.rigid import fit
+from pretouch_registrar.engines.rigid import fit_rigid_motion
 from pretouch_registrar.engines.solution import Solution
 
 _SHARE = (0.05, 0.95)
-_MIN_PAIRS = 3
+_MIN_CORRESPONDENCES = 3
 _MIN_COSINE = 1.0 - 1e-8
 _MAX_SHIFT_SQUARED = 1e-8
-_SAME_ERROR = 1e-12
-_SAME_SHARE = 1e-6
+_MIN_ERROR_CHANGE = 1e-12
+_MIN_RELATIVE_CHANGE = 1e-6
 
 
-def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solution:
+def solve(problem: RegistrationProblem, model: CameraModel, resources: Resources) -> Solution:
     """The match of the returns above the table with the object's cloud; the prior where there is none."""
-    return matched(problem, lambda source: _match(source, resources.of_model(model, _index)))
+    return solve_by_matching(
+        problem, lambda source: _match(source, resources.derive_from_model(model, _build_model_index))
+    )
 
 
-def _index(model: CameraModel) -> Index:
-    return index_of(_single(thinned(model.scene.cloud)))
+def _build_model_index(model: CameraModel) -> Index:
+    return build_index(_round_to_single(subsample(model.scene.cloud)))
 
 
 def align(source: Array, target: Array) -> Pose | None:
-    """`target_T_source` for points (n, 3) and (m, 3), m; None when no round found enough pairs."""
+    """`target_T_source` for points (n, 3) and (m, 3), m; None if no round found enough pairs."""
     if not len(source) or not len(target):
         return None
-    return _match(np.ascontiguousarray(source, dtype=np.float64), index_of(_single(thinned(target))))
+    return _match(np.ascontiguousarray(source, dtype=np.float64), build_index(_round_to_single(subsample(target))))
 
 
 def _match(source: Array, index: Index) -> Pose | None:
@@ -62,7 +65,7 @@ def _match(source: Array, index: Index) -> Pose | None:
     return Pose.of(u @ vt, t)
 
 
-def _single(points: Array) -> Array:
+def _round_to_single(points: Array) -> Array:
     return points.astype(np.float32).astype(np.float64)
 
 
@@ -77,7 +80,7 @@ def match(source: Array, index: Index, r: Array, t: Array) -> int:
     for i in range(n):
         for k in range(3):
             moved[i, k] = np.float32(source[i, k])
-    pairs = no_pairs(n)
+    correspondences = make_correspondences(n)
     squared = np.empty(n)
     kept = np.empty(n, np.bool_)
     turn, shift = np.eye(3), np.zeros(3)
@@ -85,22 +88,22 @@ def match(source: Array, index: Index, r: Array, t: Array) -> int:
     previous = 1e300
     rounds = 0
     while rounds < MAX_ROUNDS:
-        find(moved, index, MAX_DISTANCE, pairs)
+        find_neighbours(moved, index, MAX_DISTANCE, correspondences)
         paired = 0
         for i in range(n):
-            kept[i] = pairs.neighbour[i] >= 0
+            kept[i] = correspondences.neighbour[i] >= 0
             if kept[i]:
-                squared[paired] = pairs.distance[i] * pairs.distance[i]
+                squared[paired] = correspondences.distance[i] * correspondences.distance[i]
                 paired += 1
-        count, mean = _first_pairs(squared[:paired])
-        if count < _MIN_PAIRS:
+        count, mean = _count_kept(squared[:paired])
+        if count < _MIN_CORRESPONDENCES:
             break
         before = 0
         for i in range(n):
             if kept[i]:
                 kept[i] = before < count
                 before += 1
-        fit(moved, index.points, pairs.neighbour, kept, turn, shift)
+        fit_rigid_motion(moved, index.points, correspondences.neighbour, kept, turn, shift)
         for j in range(3):
             for k in range(3):
                 step[j, k] = np.float32(turn[j, k])
@@ -116,7 +119,7 @@ def match(source: Array, index: Index, r: Array, t: Array) -> int:
         if cosine >= _MIN_COSINE and shift_squared <= _MAX_SHIFT_SQUARED:
             break
         change = abs(mean - previous)
-        if change < _SAME_ERROR or change / previous < _SAME_SHARE:
+        if change < _MIN_ERROR_CHANGE or change / previous < _MIN_RELATIVE_CHANGE:
             break
         previous = mean
     for j in range(3):
@@ -127,7 +130,7 @@ def match(source: Array, index: Index, r: Array, t: Array) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _first_pairs(squared: Array) -> tuple[int, float]:
+def _count_kept(squared: Array) -> tuple[int, float]:
     """How many pairs, the first ones by index, are kept, and their mean squared distance; squared (n,), m^2."""
     n = squared.shape[0]
     low, high = int(np.floor(_SHARE[0] * n)), int(np.floor(_SHARE[1] * n))

@@ -1,4 +1,4 @@
-"""Which of many pixels lie on a rectangle's perimeter."""
+"""Finds the pixels on a rectangle's perimeter among many."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 
 _TILE = 8
-"""px: side of the squares by which pixels are put in order."""
+"""px: side of the squares by which pixels are sorted."""
 _BLOCK = 32
-"""Pixels, one after the other in that order, that are ruled out together."""
+"""Successive pixels in that order that are excluded together."""
 _ROUNDING = 0.01
-"""px: more than what single precision takes away."""
+"""px: an upper bound of the rounding errors in single precision."""
 
 
-def in_tiles(seen: NDArray[np.float32]) -> NDArray[np.int64]:
-    """An order (n,) of pixels (n, 2) in which near ones follow each other."""
+def sort_by_tile(seen: NDArray[np.float32]) -> NDArray[np.int64]:
+    """An order (n,) of pixels (n, 2) that keeps near ones together."""
     cells = np.floor(seen / _TILE)
     return np.lexsort((cells[:, 0], cells[:, 1]))
 
 
-def blocks(seen: NDArray[np.float32]) -> Array:
+def enclose_blocks(seen: NDArray[np.float32]) -> Array:
     """(t, b, 3): a circle [u, v, radius], px, around each _BLOCK of pixels seen (t, n, 2)."""
     circles = []
     for start in range(0, seen.shape[1], _BLOCK):
@@ -34,7 +34,7 @@ def blocks(seen: NDArray[np.float32]) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _from_perimeter(u: float, v: float, box: Array, cosine: float, sine: float) -> float:
+def _distance_from_perimeter(u: float, v: float, box: Array, cosine: float, sine: float) -> float:
     """px: distance of a pixel from the perimeter of `box` (5,)."""
     du, dv = u - box[0], v - box[1]
     a = abs(cosine * du + sine * dv) - 0.5 * box[2]
@@ -46,32 +46,32 @@ def _from_perimeter(u: float, v: float, box: Array, cosine: float, sine: float) 
 
 
 @njit(cache=True, nogil=True)
-def around_perimeter(seen: NDArray[np.float32], box: Array, width: float) -> NDArray[np.int64]:
+def find_near_perimeter(seen: NDArray[np.float32], box: Array, width: float) -> NDArray[np.int64]:
     """Which pixels seen (n, 2) lie within `width`, px, of the perimeter of `box` (5,)."""
     cosine, sine = np.cos(box[4]), np.sin(box[4])
     found = np.empty(seen.shape[0], np.int64)
     count = 0
     for i in range(seen.shape[0]):
-        if _from_perimeter(seen[i, 0], seen[i, 1], box, cosine, sine) <= width:
+        if _distance_from_perimeter(seen[i, 0], seen[i, 1], box, cosine, sine) <= width:
             found[count] = i
             count += 1
     return found[:count]
 
 
 @njit(cache=True, nogil=True)
-def among_blocks(
+def find_in_blocks(
     seen: NDArray[np.float32], circles: Array, order: NDArray[np.int64], box: Array, width: float
 ) -> NDArray[np.int64]:
-    """As `around_perimeter`, of pixels (n, 2) that are given in `order` (n,), with the `circles` (b, 3) of `blocks`."""
+    """As `find_near_perimeter`, for pixels (n, 2) sorted by `order` (n,), with the `circles` (b, 3) of their blocks."""
     cosine, sine = np.cos(box[4]), np.sin(box[4])
     n = seen.shape[0]
     found = np.empty(n, np.int64)
     count = 0
     for b in range(circles.shape[0]):
-        if _from_perimeter(circles[b, 0], circles[b, 1], box, cosine, sine) > width + circles[b, 2]:
+        if _distance_from_perimeter(circles[b, 0], circles[b, 1], box, cosine, sine) > width + circles[b, 2]:
             continue
         for i in range(b * _BLOCK, min((b + 1) * _BLOCK, n)):
-            if _from_perimeter(seen[i, 0], seen[i, 1], box, cosine, sine) <= width:
+            if _distance_from_perimeter(seen[i, 0], seen[i, 1], box, cosine, sine) <= width:
                 found[count] = order[i]
                 count += 1
     return np.sort(found[:count])

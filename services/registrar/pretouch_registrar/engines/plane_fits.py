@@ -1,4 +1,4 @@
-"""Smoothed depth and normals of a depth image, by robust plane fits."""
+"""Smoothed depth and normals of a depth image by robust plane fits."""
 
 from __future__ import annotations
 

@@ -1,16 +1,14 @@
-"""Engine `point_to_plane`: the most probable correction of surface points under the calibration prior.
+"""Engine `point_to_plane`: the maximum a posteriori correction by point-to-plane ICP with the calibration prior.
 
-By damped point-to-plane ICP.
+The correspondence of each return above the table is the nearest point of the camera's smoothed surface. The residual is
+the distance along that point's normal, with a Geman-McClure weight by the distance of the two points. Gauss-Newton
+steps include the Gaussian prior on the correction, which keeps the source from sliding along planes; the noise is
+first widened and then annealed. Misses, silhouettes and the table are not used; engine `posterior` uses them.
 
-Each return above the table is matched with the nearest point of the camera's smoothed surface; its distance along that
-point's normal counts, the less the further apart the two are (Geman-McClure weights). Gauss-Newton steps with the
-Gaussian prior on the correction, which keeps the match from sliding along planes; the noise at first widened, then as
-it is. Misses, silhouettes and the table tell it nothing: engine `posterior` uses those.
-
-Neighbouring returns share the camera model's error: for the covariance, the inverse of the information matrix, all
-returns in one cube of a few millimetres count as one, and so do equal points. A wide beam has a wider cube and more
-noise. Too few returns, returns on one line or nowhere near the object leave the prior's covariance in what they do not
-tell. A cloud of more than `neighbours.MAX_TARGET` points is thinned out.
+Neighbouring returns share the camera model's error. For the covariance, the inverse of the information matrix, all
+returns in a cube of a few millimetres therefore count as one. Where returns are too few, on one line or far from the
+object, the covariance stays the prior's in the directions that they do not constrain. A cloud of more than
+`neighbours.MAX_TARGET` points is subsampled.
 """
 
 from __future__ import annotations
@@ -23,74 +21,81 @@ from numba import njit
 from pretouch.geometry import Array
 from pretouch_registrar.engines import so3
 from pretouch_registrar.engines.camera_model import CameraModel
-from pretouch_registrar.engines.correction import carried_back
-from pretouch_registrar.engines.neighbours import Index, Pairs, find, index_of, no_pairs, thinned
-from pretouch_registrar.engines.problem import Problem
+from pretouch_registrar.engines.correction import carry_back
+from pretouch_registrar.engines.neighbours import (
+    Correspondences,
+    Index,
+    build_index,
+    find_neighbours,
+    make_correspondences,
+    subsample,
+)
+from pretouch_registrar.engines.point_matching import select_object_returns
+from pretouch_registrar.engines.registration_problem import RegistrationProblem
 from pretouch_registrar.engines.resources import Resources
-from pretouch_registrar.engines.returns import object_returns
 from pretouch_registrar.engines.robust_kernel import robust_weight
 from pretouch_registrar.engines.solution import Solution
 
 MAX_DISTANCE = 0.03
-"""m: pairs further apart are not considered."""
+"""m: correspondences further apart are not considered."""
 _ANNEALING = np.array([4.0, 2.0, 1.0])
-"""Factors by which the noise is widened in turn."""
+"""Factors on the noise, in this order."""
 _ROUNDS = 15
-"""Steps at each factor, at most."""
-_FEWEST = 25
-"""Steps at a noise widened k times take every k-th return, but no fewer than this."""
-_STILL = 1e-4
-"""m: a step that moves the object by less ends the steps at a factor."""
+"""Most steps at each factor."""
+_MIN_RETURNS = 25
+"""Steps at noise factor k use every k-th return, but at least this many."""
+_MIN_STEP = 1e-4
+"""m: a step that moves the object by less is the last one at its factor."""
 _CAP = 1.0
-"""Half a pair's squared distance over the noise's at which the pair counts a quarter."""
-WORTH = 60.0
-"""Returns that a problem is worth at most, against the prior."""
+"""Half the squared normalised distance at which a correspondence has a quarter of its weight."""
+MAX_EFFECTIVE_RETURNS = 60.0
+"""Upper bound of the effective number of returns, relative to the prior."""
 _PATCH = 0.009
-"""m: the camera model's error is the same over this length."""
+"""m: length over which the camera model's error is constant."""
 _OVERCONFIDENCE = 5.0
 """The information is divided by this; chosen for coverage on training meshes."""
 
 
 class Planes(NamedTuple):
-    """A target whose points know their normals: the index of m points, and normals (m, 3) in its order."""
+    """A target with normals: the index of m points, and normals (m, 3) in its order."""
 
     target: Index
     normals: Array
 
 
-class _Matched(NamedTuple):
-    """Points (n, 3), m, what each is worth (n,), where the camera would have put them (n, 3), and their neighbours."""
+class _Source(NamedTuple):
+    """Source points (n, 3), m, their weights (n,), the points as carried back (n, 3), and their correspondences."""
 
     points: Array
     weights: Array
     carried: Array
-    pairs: Pairs
+    correspondences: Correspondences
 
 
-def solve(problem: Problem, model: CameraModel, resources: Resources) -> Solution:
+def solve(problem: RegistrationProblem, model: CameraModel, resources: Resources) -> Solution:
     """The most probable correction and its covariance."""
-    source = problem.beams.points[object_returns(problem)]
+    source = problem.beams.points[select_object_returns(problem)]
     x = np.zeros(6)
-    shares = shared(source, _PATCH)
-    planes, centroid = resources.of_model(model, _planes), problem.target.centroid
+    shares = compute_shared_weights(source, _PATCH)
+    planes, centroid = resources.derive_from_model(model, _make_model_planes), problem.target.centroid
     information = match(source, shares, planes, centroid, problem.prior, problem.noise.surface, x)
     covariance = np.linalg.inv(information / _OVERCONFIDENCE + np.diag(problem.prior))
     return Solution(x, np.asarray(covariance, dtype=np.float64))
 
 
-def planes_of(points: Array, normals: Array) -> Planes:
-    """What `match` takes as the target, of points (m, 3), m, and their normals (m, 3)."""
-    index = index_of(thinned(points))
-    return Planes(index, np.ascontiguousarray(thinned(normals)[index.order]))
+def make_planes(points: Array, normals: Array) -> Planes:
+    """The target for `match`, of points (m, 3), m, with their normals (m, 3)."""
+    index = build_index(subsample(points))
+    return Planes(index, np.ascontiguousarray(subsample(normals)[index.order]))
 
 
-def _planes(model: CameraModel) -> Planes:
+def _make_model_planes(model: CameraModel) -> Planes:
     mask, surface = model.scene.mask, model.pixels.surface
-    return planes_of(surface.points[mask].astype(np.float64), surface.normals[mask].astype(np.float64))
+    return make_planes(surface.points[mask].astype(np.float64), surface.normals[mask].astype(np.float64))
 
 
-def shared(source: Array, patch: float) -> Array:
-    """Weights (n,) of points (n, 3), m: all that share a cube of side `patch`, m, are worth one together."""
+def compute_shared_weights(source: Array, patch: float) -> Array:
+    """Weights (n,) of points (n, 3), m: those in one cube of side `patch`, m, have weights that sum to 1."""
     cells = np.floor(source / patch).astype(np.int64)
     key = (cells[:, 0] * 1_000_003 + cells[:, 1]) * 1_000_003 + cells[:, 2]
     _, place, count = np.unique(key, return_inverse=True, return_counts=True)
@@ -99,11 +104,11 @@ def shared(source: Array, patch: float) -> Array:
 
 @njit(cache=True, nogil=True)
 def match(source: Array, shares: Array, planes: Planes, centroid: Array, prior: Array, noise: float, x: Array) -> Array:
-    """Moves the correction x (6,), about `centroid`, to the most probable one; returns what the points tell (6, 6).
+    """Moves the correction x (6,), about `centroid`, to the most probable one; returns the points' information (6, 6).
 
     Args:
         source: (n, 3), m.
-        shares: (n,) what each point is worth in the information that is returned, the prior's apart.
+        shares: (n,), the weight of each point in the information returned, which excludes the prior's.
         planes: the target.
         prior: (6,) inverse variances of the correction.
         noise: m, standard deviation of one distance.
@@ -113,56 +118,56 @@ def match(source: Array, shares: Array, planes: Planes, centroid: Array, prior: 
     for i in range(source.shape[0]):
         radius = max(radius, np.sqrt(((source[i] - centroid) ** 2).sum()))
     for factor in _ANNEALING:
-        step_over = max(1, min(int(factor), source.shape[0] // _FEWEST))
+        step_over = max(1, min(int(factor), source.shape[0] // _MIN_RETURNS))
         some = source[::step_over].copy()
-        weights = np.full(some.shape[0], min(1.0, WORTH / max(source.shape[0], 1)) * step_over)
-        matched = _Matched(some, weights, np.empty(some.shape), no_pairs(some.shape[0]))
+        weights = np.full(some.shape[0], min(1.0, MAX_EFFECTIVE_RETURNS / max(source.shape[0], 1)) * step_over)
+        matched = _Source(some, weights, np.empty(some.shape), make_correspondences(some.shape[0]))
         for _ in range(_ROUNDS):
             r = so3.exp(x[:3])
-            _pair(r, x, centroid, matched, planes)
-            _equations(r, x, centroid, matched, planes, noise * factor, information, gradient)
+            _find_correspondences(r, x, centroid, matched, planes)
+            _linearize(r, x, centroid, matched, planes, noise * factor, information, gradient)
             for k in range(6):
                 information[k, k] += prior[k]
                 gradient[k] += prior[k] * x[k]
             step: Array = np.linalg.solve(information, -gradient).astype(np.float64)
             x[:3] = so3.log(so3.exp(step[:3]) @ r)
             x[3:] += step[3:]
-            if np.abs(step[3:]).max() + radius * np.abs(step[:3]).max() < _STILL * factor:
+            if np.abs(step[3:]).max() + radius * np.abs(step[:3]).max() < _MIN_STEP * factor:
                 break
     r = so3.exp(x[:3])
-    last = _Matched(source, shares, matched.carried, matched.pairs)
-    _pair(r, x, centroid, last, planes)
-    _equations(r, x, centroid, last, planes, noise, information, gradient)
+    last = _Source(source, shares, matched.carried, matched.correspondences)
+    _find_correspondences(r, x, centroid, last, planes)
+    _linearize(r, x, centroid, last, planes, noise, information, gradient)
     return information
 
 
 @njit(cache=True, nogil=True)
-def _pair(r: Array, x: Array, centroid: Array, matched: _Matched, planes: Planes) -> None:
-    """Carries the points back by x (6,), with r = exp(w) (3, 3), and finds their neighbours."""
+def _find_correspondences(r: Array, x: Array, centroid: Array, matched: _Source, planes: Planes) -> None:
+    """Carries the points back by x (6,), with r = exp(w) (3, 3), and finds their correspondences."""
     carried = matched.carried
     for i in range(carried.shape[0]):
-        carried[i, 0], carried[i, 1], carried[i, 2] = carried_back(x, r, centroid, matched.points, i)
-    find(carried, planes.target, MAX_DISTANCE, matched.pairs)
+        carried[i, 0], carried[i, 1], carried[i, 2] = carry_back(x, r, centroid, matched.points, i)
+    find_neighbours(carried, planes.target, MAX_DISTANCE, matched.correspondences)
 
 
 @njit(cache=True, nogil=True)
-def _equations(
-    r: Array, x: Array, centroid: Array, matched: _Matched, planes: Planes, noise: float,
+def _linearize(
+    r: Array, x: Array, centroid: Array, matched: _Source, planes: Planes, noise: float,
     information: Array, gradient: Array,
 ) -> None:  # fmt: skip
-    """Fills the information (6, 6) and gradient (6,) of a Gauss-Newton step, robust weights frozen, without a prior."""
+    """Fills the information (6, 6) and gradient (6,) of a Gauss-Newton step with fixed weights, without the prior."""
     source, carried, points, normals = matched.points, matched.carried, planes.target.points, planes.normals
     information[:] = 0.0
     gradient[:] = 0.0
     row = np.empty(6)
     for i in range(source.shape[0]):
-        j = matched.pairs.neighbour[i]
+        j = matched.correspondences.neighbour[i]
         if j < 0:
             continue
         n0, n1, n2 = normals[j, 0], normals[j, 1], normals[j, 2]
         e0, e1, e2 = carried[i, 0] - points[j, 0], carried[i, 1] - points[j, 1], carried[i, 2] - points[j, 2]
         residual = (n0 * e0 + n1 * e1 + n2 * e2) / noise
-        half = 0.5 * (matched.pairs.distance[i] / noise) ** 2
+        half = 0.5 * (matched.correspondences.distance[i] / noise) ** 2
         weight = matched.weights[i] * robust_weight(half, _CAP)
         g0 = (r[0, 0] * n0 + r[0, 1] * n1 + r[0, 2] * n2) / noise
         g1 = (r[1, 0] * n0 + r[1, 1] * n1 + r[1, 2] * n2) / noise

@@ -1,4 +1,4 @@
-"""The prior of a correction's components: flat up to a wall, as calibration errors are bounded, not normal."""
+"""The prior of a correction's components: nearly uniform up to a bound, as calibration errors are."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import numpy as np
 from numba import njit
 
 FLAT = 1.65
-"""Standard deviations up to which a correction costs next to nothing; a uniform error's bound is sqrt 3 of them."""
+"""Standard deviations up to which the prior is nearly flat; a uniform error's bound is sqrt 3 of them."""
 WALL = 0.2
-"""Standard deviations over which the prior falls off beyond."""
+"""Standard deviations over which the density falls off beyond FLAT."""
 SAG = 0.1
-"""Share of a normal prior's cost within."""
+"""Share of a normal prior's cost that counts within FLAT."""
 
 
 @njit(cache=True, nogil=True, inline="always")
 def prior_cost(x: float, inverse_variance: float) -> tuple[float, float, float]:
-    """Cost, slope and curvature of one component of a correction."""
+    """Cost of one component of a correction, and its first and second derivative."""
     scale = np.sqrt(inverse_variance)
     z = x * scale
     beyond = abs(z) - FLAT

@@ -1,4 +1,4 @@
-"""Where a point in base comes to lie in what the camera saw: in its image, and in the footprint seen from above."""
+"""Projects points in base into the camera's image, and into the footprint seen from above."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numba import njit
 
 from pretouch_registrar.engines.camera_model import CELL, Footprint
 from pretouch_registrar.engines.correction import Vector
-from pretouch_registrar.engines.problem import Optics, Table
+from pretouch_registrar.engines.registration_problem import Optics, Table
 
 _CELLS_PER_M = 1.0 / CELL
 
@@ -26,20 +26,20 @@ def project(point: Vector, optics: Optics) -> tuple[float, float, float]:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def pixel_of(u: float, v: float) -> tuple[int, int]:
-    """Row and column of the pixel that holds (u, v), wherever the image ends."""
+def find_pixel(u: float, v: float) -> tuple[int, int]:
+    """Row and column of the pixel that contains (u, v), which may lie outside the image."""
     return int(np.floor(v + 0.5)), int(np.floor(u + 0.5))
 
 
 @njit(cache=True, nogil=True, inline="always")
-def height_above(point: Vector, table: Table) -> float:
-    """m: of a point above the table."""
+def compute_height(point: Vector, table: Table) -> float:
+    """m: the height of a point above the table."""
     return table.normal[0] * point[0] + table.normal[1] * point[1] + table.normal[2] * point[2] - table.offset
 
 
 @njit(cache=True, nogil=True, inline="always")
-def cell_of(point: Vector, footprint: Footprint) -> tuple[int, int]:
-    """The footprint's cell that a point in base stands over; -1, -1 outside."""
+def find_cell(point: Vector, footprint: Footprint) -> tuple[int, int]:
+    """The footprint's cell below a point in base; -1, -1 outside."""
     a, b, corner = footprint.x_axis, footprint.y_axis, footprint.corner
     across = (a[0] * point[0] + a[1] * point[1] + a[2] * point[2] - corner[0]) * _CELLS_PER_M
     along = (b[0] * point[0] + b[1] * point[1] + b[2] * point[2] - corner[1]) * _CELLS_PER_M

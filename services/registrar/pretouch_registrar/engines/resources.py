@@ -1,4 +1,4 @@
-"""What engines share from one problem to the next: threads, and what was worked out from a camera model."""
+"""What engines share between problems: threads, and data derived from camera models."""
 
 from __future__ import annotations
 
@@ -15,27 +15,29 @@ R = TypeVar("R")
 
 
 class Resources:
-    """Made once, by the `Registrar`, and shared between threads.
+    """Threads and derived data; made once by the `Registrar`, and thread-safe.
 
     Attributes:
-        threads: as many as there are processors to run on.
+        threads: the number of processors that this process may run on.
     """
 
     def __init__(self) -> None:
         self.threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="registrar")
-        self._kept: weakref.WeakKeyDictionary[CameraModel, dict[Callable[..., Any], Any]] = weakref.WeakKeyDictionary()
+        self._derived: weakref.WeakKeyDictionary[CameraModel, dict[Callable[..., Any], Any]] = (
+            weakref.WeakKeyDictionary()
+        )
 
     def map(self, function: Callable[[T], R], items: Iterable[T]) -> list[R]:
-        """`function` of each item, on all threads: the kernels run without Python's lock. Not from within another."""
+        """`function` of each item, on all threads: kernels release Python's lock. Calls must not be nested."""
         return list(self._pool.map(function, items))
 
-    def of_model(self, model: CameraModel, make: Callable[[CameraModel], R]) -> R:
-        """What `make`, a function of a module, makes of the model, kept for as long as the model lives.
+    def derive_from_model(self, model: CameraModel, make: Callable[[CameraModel], R]) -> R:
+        """`make(model)`, cached for as long as the model lives; `make` must be a module's function.
 
-        Two threads may make the same at the same time.
+        Two threads may make the same one at the same time.
         """
-        known = self._kept.setdefault(model, {})
+        known = self._derived.setdefault(model, {})
         if make not in known:
             known[make] = make(model)
         result: R = known[make]

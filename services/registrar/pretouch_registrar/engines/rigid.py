@@ -1,4 +1,4 @@
-"""The rotation that fits paired points best, in closed form."""
+"""The least squares rigid motion of corresponding points, in closed form."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _SWEEPS = 12
 
 
 @njit(cache=True, nogil=True)
-def rotation_from_correlation(s: Array) -> Array:
-    """R (3, 3) that maximises trace(R s), s (3, 3) = sum of (p - mean p) (q - mean q)^T: the best turn from p to q.
+def compute_rotation(s: Array) -> Array:
+    """R (3, 3) that maximises trace(R s), s (3, 3) = sum of (p - mean p) (q - mean q)^T: the best rotation from p to q.
 
     Horn, "Closed-form solution of absolute orientation using unit quaternions" (JOSA A 1987): the eigenvector of the
-    largest eigenvalue of a symmetric 4x4 matrix, found by Jacobi's rotations. Always a proper rotation.
+    largest eigenvalue of a symmetric 4x4 matrix, found by Jacobi rotations. It is always a proper rotation.
     """
     m = np.empty((4, 4))
     m[0, 0] = s[0, 0] + s[1, 1] + s[2, 2]
@@ -69,10 +69,10 @@ def rotation_from_correlation(s: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def fit(
+def fit_rigid_motion(
     source: Array, points: Array, neighbour: NDArray[np.int32], kept: NDArray[np.bool_], r: Array, t: Array
 ) -> None:
-    """Least squares motion of the kept source points (n, 3) onto their neighbours among `points` (m, 3), m.
+    """Least squares rigid motion of the kept source points (n, 3) onto their neighbours among `points` (m, 3), m.
 
     Fills r (3, 3) and t (3,): neighbour = r source + t.
     """
@@ -94,13 +94,13 @@ def fit(
                 p = source[i, j] - a[j]
                 for k in range(3):
                     s[j, k] += p * (points[neighbour[i], k] - b[k])
-    r[:] = rotation_from_correlation(s)
+    r[:] = compute_rotation(s)
     for j in range(3):
         t[j] = b[j] - r[j, 0] * a[0] - r[j, 1] * a[1] - r[j, 2] * a[2]
 
 
 @njit(cache=True, nogil=True)
-def move(r: Array, t: Array, source: Array, moved: Array) -> None:
+def apply_motion(r: Array, t: Array, source: Array, moved: Array) -> None:
     """Fills `moved` (n, 3) with r source + t."""
     for i in range(source.shape[0]):
         x, y, z = source[i, 0], source[i, 1], source[i, 2]

@@ -1,4 +1,4 @@
-"""Rotations in compiled code: the exponential and the logarithm of SO(3)."""
+"""The exponential and the logarithm of SO(3), in compiled code."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A wide beam's range, or its miss, beside what it should measure under each hypothesis of its cone's response.
+"""The residual of a wide beam: its range, or its miss, and the range predicted under each hypothesis about its cone.
 
-The surface is that seen from above, everything that stands about included. Where the camera saw nothing it lies between
-the table and the sight line above it: the answer is an interval.
+The surface is that of the footprint, seen from above, other objects included. Where the camera saw nothing, it lies
+between the table and the line of sight above it, and the prediction is an interval.
 """
 
 from __future__ import annotations
@@ -17,33 +17,33 @@ from pretouch_registrar.engines.camera_model import CELL, Footprint
 from pretouch_registrar.engines.compiled import NO_REFERENCES
 from pretouch_registrar.engines.cone import Cone
 from pretouch_registrar.engines.correction import Vector
-from pretouch_registrar.engines.problem import Noise, Target
+from pretouch_registrar.engines.registration_problem import Noise, Target
 from pretouch_registrar.engines.robust_kernel import CAP_BEHIND, CAP_FRONT, robust_cost
 
 CONE_SPREAD = 0.25
-"""Share of the spread of the paths in a cone that its mean may be wrong by."""
+"""Error of the predicted range, as a share of the standard deviation of the paths in the cone."""
 _WALL = 0.007
-"""m: a ray this far below the surface has met a wall, not a slope."""
+"""m: a ray that is this far below the surface has hit a wall, not a slope."""
 _GRAZING = 0.25
 """Cosine of the incidence on a wall."""
 _FLAT = 0.001
-"""m: where nothing nearby is higher than this above the table, the table is all there is."""
+"""m: where nothing within the cone's reach is higher than this, the surface is the table."""
 _BISECTIONS = 3
-_LOOKS = 4
+_MAX_LOOKUPS = 4
 _LEAST_PATH = 0.001
 _SHIFT, _TURN = 0.001, 0.012
-"""m and rad: steps of the differences that stand for a wide beam's derivatives."""
+"""m and rad: steps of the finite differences for a wide beam's derivatives."""
 
 
 class Spot(NamedTuple):
-    """Room for one beam's paths and what they mean, to be filled again and again.
+    """Buffers for the paths of one beam and its predicted range.
 
     Attributes:
-        near, far: (k,), m: each ray's path to the nearest and to the farthest surface that may be there.
-        near_facing, far_facing: (k,) cosine of the incidence there.
-        weights: (l, k) room.
-        nearest, means: (h,), m: the range over `near` and over `far`.
-        spreads: (h,), m^2: variance of the paths `far` in the mean.
+        near, far: (k,), m: each ray's path to the nearest and to the farthest surface that is possible.
+        near_facing, far_facing: (k,), cosine of incidence there.
+        weights: (l, k), a buffer.
+        nearest, means: (h,), m: the predicted range from `near` and from `far`.
+        spreads: (h,), m^2: weighted variance of the paths `far`.
     """
 
     near: Array
@@ -57,16 +57,18 @@ class Spot(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def spot_of(cone: Cone) -> Spot:
-    """Room for the beams of a cone."""
+def make_spot(cone: Cone) -> Spot:
+    """Buffers for the beams of a cone."""
     k, h = cone.length.shape[0], cone.scales.shape[0]
     weights = np.empty((cone.decays.shape[0], k))
     return Spot(np.empty(k), np.empty(k), np.empty(k), np.empty(k), weights, np.empty(h), np.empty(h), np.empty(h))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _surface_at(x: float, y: float, heights: NDArray[np.float32], facing: NDArray[np.float32]) -> tuple[float, float]:
-    """m and cosine: the surface's height and slope at a place of the footprint; the table beyond it."""
+def _look_up_surface(
+    x: float, y: float, heights: NDArray[np.float32], facing: NDArray[np.float32]
+) -> tuple[float, float]:
+    """The surface's height, m, and the cosine of its slope at a place of the footprint; the table's beyond it."""
     if x >= 0 and y >= 0:
         i, j = int(x / CELL), int(y / CELL)
         if i < heights.shape[0] and j < heights.shape[1]:
@@ -75,8 +77,8 @@ def _surface_at(x: float, y: float, heights: NDArray[np.float32], facing: NDArra
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _nearby(x: float, y: float, footprint: Footprint) -> tuple[float, bool]:
-    """m: the highest that the surface can be near a place of the footprint, and whether it is hidden anywhere there."""
+def _look_up_nearby(x: float, y: float, footprint: Footprint) -> tuple[float, bool]:
+    """`Footprint.nearby`, m, and `Footprint.hidden` at a place of the footprint."""
     if x >= 0 and y >= 0:
         i, j = int(x / CELL), int(y / CELL)
         if i < footprint.nearby.shape[0] and j < footprint.nearby.shape[1]:
@@ -85,17 +87,17 @@ def _nearby(x: float, y: float, footprint: Footprint) -> tuple[float, bool]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
-def _meet(
+def _intersect_surface(
     origin: Vector, ray: Vector, start: float, stop: float, heights: NDArray[np.float32], facing: NDArray[np.float32]
 ) -> tuple[float, float]:
-    """Where a ray that falls from `start` on, in units of its direction, meets the surface, at `stop` at the latest.
+    """Where a falling ray hits the surface, from `start` to `stop` in units of its direction; and the cosine there.
 
-    From above down to the height that lies below where it is, again and again: quick, since the surface is mostly flat.
+    The ray is repeatedly advanced to the height of the surface below it, which is quick as surfaces are mostly flat.
     """
     above = at = start
     slope = 1.0
-    for look in range(_LOOKS):
-        height, slope = _surface_at(origin[0] + ray[0] * at, origin[1] + ray[1] * at, heights, facing)
+    for look in range(_MAX_LOOKUPS):
+        height, slope = _look_up_surface(origin[0] + ray[0] * at, origin[1] + ray[1] * at, heights, facing)
         level = (origin[2] - height) / -ray[2]
         if level <= at + 0.0005:
             if look == 0 or level > at - _WALL:
@@ -103,7 +105,7 @@ def _meet(
             below = at
             for _ in range(_BISECTIONS):
                 at = 0.5 * (above + below)
-                height, _ = _surface_at(origin[0] + ray[0] * at, origin[1] + ray[1] * at, heights, facing)
+                height, _ = _look_up_surface(origin[0] + ray[0] * at, origin[1] + ray[1] * at, heights, facing)
                 if (origin[2] - height) / -ray[2] <= at:
                     below = at
                 else:
@@ -115,8 +117,8 @@ def _meet(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _in_table(vector: Vector, footprint: Footprint, normal: Array) -> Vector:
-    """A vector in base in the table's axes."""
+def _rotate_to_table(vector: Vector, footprint: Footprint, normal: Array) -> Vector:
+    """A vector in base, in the table's axes."""
     a, b = footprint.x_axis, footprint.y_axis
     return (
         a[0] * vector[0] + a[1] * vector[1] + a[2] * vector[2],
@@ -126,13 +128,13 @@ def _in_table(vector: Vector, footprint: Footprint, normal: Array) -> Vector:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
-def _trace(origin: Vector, direction: Vector, target: Target, cone: Cone, spot: Spot) -> bool:
-    """Fills the spot's paths for a module at `origin`, and says whether there is more than one answer."""
+def _trace_rays(origin: Vector, direction: Vector, target: Target, cone: Cone, spot: Spot) -> bool:
+    """Fills the spot's paths for a module at `origin`; returns whether `near` and `far` differ."""
     footprint = target.footprint
     farthest = 2.0 * target.optics.range_max
-    px, py, pz = _in_table(origin, footprint, target.table.normal)
+    px, py, pz = _rotate_to_table(origin, footprint, target.table.normal)
     o = (px - footprint.corner[0], py - footprint.corner[1], pz - target.table.offset)
-    dx, dy, dz = _in_table(direction, footprint, target.table.normal)
+    dx, dy, dz = _rotate_to_table(direction, footprint, target.table.normal)
     # two axes across the beam; dz is near -1
     s = 1.0 / max(np.sqrt(1.0 - dx * dx), 1e-6)
     ax, ay, az = s * (1.0 - dx * dx), -s * dx * dy, -s * dx * dz
@@ -146,25 +148,25 @@ def _trace(origin: Vector, direction: Vector, target: Target, cone: Cone, spot: 
             spot.near_facing[k] = spot.far_facing[k] = 0.05
             continue
         stop = min(farthest / length, o[2] / -ray[2])
-        top, hidden = _nearby(o[0] + 0.5 * ray[0] * stop, o[1] + 0.5 * ray[1] * stop, footprint)
+        top, hidden = _look_up_nearby(o[0] + 0.5 * ray[0] * stop, o[1] + 0.5 * ray[1] * stop, footprint)
         if top <= _FLAT:
             spot.near[k] = spot.far[k] = max(stop, _LEAST_PATH) * length
             spot.near_facing[k] = spot.far_facing[k] = -ray[2] / length
             continue
         start = min(max(_LEAST_PATH, (o[2] - top) / -ray[2]), stop)
-        far, facing = _meet(o, ray, start, stop, footprint.low, footprint.facing)
+        far, facing = _intersect_surface(o, ray, start, stop, footprint.low, footprint.facing)
         spot.far[k], spot.far_facing[k] = max(far, _LEAST_PATH) * length, facing
         near = far
         if hidden:
-            near, facing = _meet(o, ray, start, stop, footprint.high, footprint.facing)
+            near, facing = _intersect_surface(o, ray, start, stop, footprint.high, footprint.facing)
         spot.near[k], spot.near_facing[k] = max(near, _LEAST_PATH) * length, facing
         several = several or far - near > 1e-3
     return several
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
-def _average(paths: Array, facing: Array, cone: Cone, spot: Spot, means: Array) -> None:
-    """Fills `means` (h,) and the spot's `spreads`: range and variance of paths (k,) under each hypothesis."""
+def _average_paths(paths: Array, facing: Array, cone: Cone, spot: Spot, means: Array) -> None:
+    """Fills `means` (h,) and the spot's `spreads`: predicted range and variance of paths (k,) under each hypothesis."""
     count, lengths = paths.shape[0], cone.decays.shape[0]
     first = paths[0]
     for k in range(1, count):
@@ -194,18 +196,20 @@ def _average(paths: Array, facing: Array, cone: Cone, spot: Spot, means: Array) 
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
-def measure(
+def trace_spot(
     end: Vector, direction: Vector, returned: bool, measured: float, target: Target, cone: Cone, spot: Spot
 ) -> bool:
-    """Fills the spot for a beam that ends in `end`, or begins there if it met nothing, where the camera would have put
-    it; and says whether `nearest` counts, there being an interval."""
+    """Fills the spot for a beam that ends at `end`, or begins there without a return, as carried back.
+
+    Returns whether the prediction is an interval, from `nearest` to `means`.
+    """
     x, y, z = end
     dx, dy, dz = direction
     origin = (x - measured * dx, y - measured * dy, z - measured * dz)
-    several = _trace(origin, direction, target, cone, spot)
+    several = _trace_rays(origin, direction, target, cone, spot)
     if several and returned:
-        _average(spot.near, spot.near_facing, cone, spot, spot.nearest)
-    _average(spot.far, spot.far_facing, cone, spot, spot.means)
+        _average_paths(spot.near, spot.near_facing, cone, spot, spot.nearest)
+    _average_paths(spot.far, spot.far_facing, cone, spot, spot.means)
     return several and returned
 
 
@@ -213,7 +217,7 @@ def measure(
 def spot_residual(
     h: int, returned: bool, measured: float, interval: bool, range_max: float, noise: Noise, spot: Spot
 ) -> tuple[float, float, float]:
-    """A measured spot's normalised residual under hypothesis h; the cap of the robust kernel; what it costs beyond."""
+    """Under hypothesis h: the normalised residual, the cap of the robust kernel, and the additional cost."""
     variance = noise.surface * noise.surface + CONE_SPREAD * CONE_SPREAD * spot.spreads[h]
     std = np.sqrt(variance)
     if not returned:
@@ -221,7 +225,7 @@ def spot_residual(
     beyond = 0.5 * np.log(variance / (noise.surface * noise.surface))
     residual = (measured - spot.means[h]) / std
     if interval and robust_cost(0.5 * residual * residual, CAP_FRONT) > CAP_BEHIND:
-        # a farther hidden surface may also lower the mean, where the nearest part counts most
+        # a farther hidden surface may also lower the mean, where the nearest part has most weight
         low, high = min(spot.nearest[h], spot.means[h]), max(spot.nearest[h], spot.means[h])
         outside = max(low - measured, measured - high, 0.0) / std
         if outside < abs(residual):
@@ -230,10 +234,10 @@ def spot_residual(
 
 
 @njit(cache=True, nogil=True, inline="always")
-def moved_back(end: Vector, direction: Vector, r: Array, centroid: Array, k: int) -> tuple[Vector, Vector, float]:
-    """A beam where the camera would have put it after a small step of component k of the correction; and that step.
+def step_beam(end: Vector, direction: Vector, r: Array, centroid: Array, k: int) -> tuple[Vector, Vector, float]:
+    """A carried back beam after a small step of component k of the correction; and that step.
 
-    r (3, 3) is the correction's rotation, applied before the step.
+    r (3, 3) is the correction's rotation before the step.
     """
     q0, q1, q2 = end
     d0, d1, d2 = direction

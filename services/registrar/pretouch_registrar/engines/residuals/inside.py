@@ -1,4 +1,4 @@
-"""How far inside the object a beam went, where it passed through a part of it that the camera saw from above."""
+"""How far inside the object's footprint a beam entered it, through a surface that the camera saw."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from numba import njit
 
 from pretouch_registrar.engines.camera_model import Footprint
 from pretouch_registrar.engines.correction import Vector
-from pretouch_registrar.engines.problem import Table
-from pretouch_registrar.engines.projection import cell_of
+from pretouch_registrar.engines.projection import find_cell
+from pretouch_registrar.engines.registration_problem import Table
 
 BELOW = 0.006
-"""m: a point this far below a seen part of the object is below it, whatever the noise."""
+"""m: a point this much below the seen surface is below it in spite of noise."""
 FOOTPRINT_SLACK = 0.0015
-"""m: the footprint's outline is known to about half a cell; distances inside it below this cost nothing."""
+"""m: the footprint's outline is known to about half a cell; smaller distances inside it cost nothing."""
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -22,9 +22,11 @@ def depth_inside(footprint: Footprint, a: int, b: int, std: float) -> float:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def pierced(point: Vector, direction: Vector, above: float, table: Table, footprint: Footprint) -> tuple[int, int]:
-    """The footprint's cell through which a beam that ends in `point`, `above` the table, came in; -1, -1: none."""
-    a, b = cell_of(point, footprint)
+def find_pierced_cell(
+    point: Vector, direction: Vector, above: float, table: Table, footprint: Footprint
+) -> tuple[int, int]:
+    """The cell through which a beam that ends in `point`, `above` m over the table, entered; -1, -1 for none."""
+    a, b = find_cell(point, footprint)
     if a < 0 or footprint.top[a, b] <= above + BELOW:
         return -1, -1
     normal = table.normal
@@ -33,7 +35,7 @@ def pierced(point: Vector, direction: Vector, above: float, table: Table, footpr
         return -1, -1
     back = (footprint.top[a, b] - above) / fall
     entry = (point[0] - back * direction[0], point[1] - back * direction[1], point[2] - back * direction[2])
-    a, b = cell_of(entry, footprint)
+    a, b = find_cell(entry, footprint)
     if a < 0 or footprint.top[a, b] <= above + BELOW:
         return -1, -1
     return a, b

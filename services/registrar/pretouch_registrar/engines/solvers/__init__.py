@@ -1,1 +1,1 @@
-"""How the objective is searched and summed up: Levenberg-Marquardt, sequential Monte Carlo, importance sampling."""
+"""Optimisation and integration of the objective: Levenberg-Marquardt, sequential Monte Carlo, importance sampling."""

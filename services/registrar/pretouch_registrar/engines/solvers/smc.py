@@ -1,4 +1,4 @@
-"""A search that cannot be trapped within the prior: a population follows the density as the noise narrows."""
+"""Global search over the prior by annealed sequential Monte Carlo."""
 
 from __future__ import annotations
 
@@ -13,24 +13,27 @@ from pretouch.geometry import Array
 POPULATION = 300
 _DRAWS = 2048
 _BOUND = 1.75
-"""Standard deviations of the prior between which the first draws lie, evenly."""
+"""Standard deviations of the prior: half the side of the box that the first draws cover evenly."""
 _LEVELS = ((4.0, 1), (2.8, 1), (2.0, 1), (1.4, 2), (1.0, 4))
-"""Noise factor and Metropolis steps at it."""
-_MOVES = (0.3, 0.7, 1.0)
+"""Noise factors, and the Metropolis steps at each."""
+_STEP_LENGTHS = (0.3, 0.7, 1.0)
 
 Energy = Callable[[Array, float], Array]
-"""Corrections (m, 6) and a noise factor to the negative logarithms (m,) of their posterior density."""
+"""Of corrections (m, 6) and a noise factor: the negative log posterior densities (m,)."""
 
 
-def population(energy: Energy, scale: Array) -> tuple[Array, Array]:
-    """Corrections (POPULATION, 6) spread as the posterior, and their energies; `scale` (6,) is the prior's.
+def sample_population(energy: Energy, scale: Array) -> tuple[Array, Array]:
+    """Corrections (POPULATION, 6) distributed as the posterior, and their energies.
 
-    Annealed sequential Monte Carlo: resampled at each noise factor by what that adds to the likelihood, then moved by
-    differential-evolution Metropolis steps (ter Braak 2006), which take their directions from the population itself.
-    The draws are fixed.
+    At each noise factor the population is resampled by the increment of the likelihood, and then moved by
+    differential-evolution Metropolis steps (ter Braak 2006), whose directions come from the population itself. The
+    random numbers are fixed.
+
+    Args:
+        scale: (6,), the prior's standard deviations.
     """
     rng = np.random.default_rng(0)
-    xs = _first_draws() * scale
+    xs = _draw_first() * scale
     before = np.zeros(len(xs))
     for factor, moves in _LEVELS:
         level = energy(xs, factor)
@@ -41,7 +44,7 @@ def population(energy: Energy, scale: Array) -> tuple[Array, Array]:
         xs, level = xs[chosen], level[chosen]
         for _ in range(moves):
             a, b = rng.integers(POPULATION, size=(2, POPULATION))
-            length = rng.choice(_MOVES, size=(POPULATION, 1))
+            length = rng.choice(_STEP_LENGTHS, size=(POPULATION, 1))
             jitter = 0.05 * rng.standard_normal(xs.shape) * factor / 4 * scale
             proposed = xs + length * (xs[a] - xs[b]) + jitter
             new = energy(proposed, factor)
@@ -52,8 +55,8 @@ def population(energy: Energy, scale: Array) -> tuple[Array, Array]:
 
 
 @cache
-def _first_draws() -> Array:
-    """(_DRAWS, 6) in standard deviations, evenly over the prior's box, with the uncorrected pose among them."""
+def _draw_first() -> Array:
+    """(_DRAWS, 6) in standard deviations: a Sobol sequence over the prior's box; the first one is no correction."""
     draws = np.asarray((2 * qmc.Sobol(6, seed=0).random(_DRAWS) - 1) * _BOUND, dtype=np.float64)
     draws[0] = 0.0
     return draws

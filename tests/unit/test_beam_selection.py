@@ -6,7 +6,7 @@ import numpy as np
 from helpers.scenes import Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_registrar.evidence import near_object
+from pretouch_registrar.beam_selection import select_beams
 
 from pretouch.estimate import Prior
 from pretouch.geometry import Pose, rotation_from_vector
@@ -27,9 +27,9 @@ def test_whatever_the_prior_allows_is_kept(sigmas: tuple[float, ...], translatio
     truth = Pose.of(turn, SCENE.centroid + shift - turn @ SCENE.centroid)
     points = np.unique(truth.apply(SCENE.cloud[::7]), axis=0)
     beams = Scan(points - 0.03 * DOWN, np.broadcast_to(DOWN, points.shape), np.full(len(points), 0.03))
-    assert near_object(SCENE, beams, prior, Sensor()) is beams
+    assert select_beams(SCENE, beams, prior, Sensor()) is beams
     misses = Scan(beams.origins, beams.directions, np.full(len(points), np.nan))
-    assert near_object(SCENE, misses, prior, Sensor()) is misses
+    assert select_beams(SCENE, misses, prior, Sensor()) is misses
 
 
 @settings(max_examples=60, deadline=None)
@@ -38,7 +38,7 @@ def test_what_is_far_away_is_not(angle: float, distance: float, returned: bool) 
     place = SCENE.centroid + distance * np.array([np.cos(angle), np.sin(angle), 0.0])
     ends = place + np.linspace(-0.02, 0.02, 9)[:, None] * (0, 0, 1)
     scan = Scan(ends, np.broadcast_to(DOWN, ends.shape), np.full(9, 0.03 if returned else np.nan))
-    assert len(near_object(SCENE, scan, Prior(), Sensor())) == 0
+    assert len(select_beams(SCENE, scan, Prior(), Sensor())) == 0
 
 
 @settings(max_examples=40, deadline=None)
@@ -46,7 +46,7 @@ def test_what_is_far_away_is_not(angle: float, distance: float, returned: bool) 
 def test_a_beam_counts_once_and_the_order_stays(chosen: list[int]) -> None:
     ends = SCENE.cloud[np.array(chosen)]
     ranges = np.where(np.array(chosen) % 2 == 0, 0.02, np.nan)
-    kept = near_object(SCENE, Scan(ends, np.broadcast_to(DOWN, ends.shape), ranges), Prior(), Sensor())
+    kept = select_beams(SCENE, Scan(ends, np.broadcast_to(DOWN, ends.shape), ranges), Prior(), Sensor())
     first = list(dict.fromkeys(chosen))
     np.testing.assert_array_equal(kept.origins, SCENE.cloud[np.array(first)])
     np.testing.assert_array_equal(kept.returned, np.array(first) % 2 == 0)

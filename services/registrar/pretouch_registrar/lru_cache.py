@@ -1,4 +1,4 @@
-"""A small memory of recent results, by key, shared between threads."""
+"""A cache of recent results by key, shared between threads."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ K = TypeVar("K")
 V = TypeVar("V")
 
 
-class Recent(Generic[K, V]):
-    """Keeps the last `size` results used; an older one is made again when it is asked for."""
+class LruCache(Generic[K, V]):
+    """Keeps the `size` results that were used last."""
 
     def __init__(self, size: int) -> None:
         self._size = size
         self._results: OrderedDict[K, V] = OrderedDict()
         self._lock = threading.Lock()
 
-    def get(self, key: K, make: Callable[[], V]) -> V:
-        """The result for `key`, made if it is not known; two threads may make the same one at the same time."""
+    def get_or_make(self, key: K, make: Callable[[], V]) -> V:
+        """The result for `key`, made if it is not cached; two threads may make the same one at the same time."""
         with self._lock:
             if key in self._results:
                 self._results.move_to_end(key)

@@ -1,4 +1,4 @@
-"""Which beams of a scan can say anything of the object."""
+"""Selects the beams of a scan that give information about the object."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 
 _SIGMAS = 3.0
-_AROUND = 0.06
-"""m beyond where the object may be: a scan comes in over the table, whose height says something of the object's."""
+_MARGIN = 0.06
+"""m beyond where the object may be: the table beside it is kept, since its height constrains the object's."""
 
 
-def near_object(scene: Scene, scan: Scan, prior: Prior, sensor: Sensor) -> Scan:
+def select_beams(scene: Scene, scan: Scan, prior: Prior, sensor: Sensor) -> Scan:
     """The distinct beams of the scan that end, or for a miss pass, where the object may be or just beside it.
 
-    Anything farther away has met something else: however well it fits the table's plane or the object's shape under
-    some correction, it is no evidence.
+    Beams that end farther away hit something else. They are left out even if some correction would make them fit the
+    table or the object.
     """
     hit = scan.returned
     relative = scan.origins - scene.centroid
     along = np.where(hit, scan.ranges, np.clip(-(relative * scan.directions).sum(axis=1), 0.0, sensor.range_max))
     distance = np.linalg.norm(relative + along[:, None] * scan.directions, axis=1)
     extent = float(np.linalg.norm(scene.cloud - scene.centroid, axis=1).max())
-    reach = extent + _SIGMAS * np.sqrt(3.0) * (prior.translation_std + prior.rotation_std * extent) + _AROUND
+    reach = extent + _SIGMAS * np.sqrt(3.0) * (prior.translation_std + prior.rotation_std * extent) + _MARGIN
     rows = np.column_stack([scan.origins, scan.directions, np.where(hit, scan.ranges, -1.0)])
     distinct = np.zeros(len(scan), dtype=bool)
     distinct[np.unique(rows, axis=0, return_index=True)[1]] = True

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.scenes import KINECT, Box, View, World
-from pretouch_registrar import coarse as module
-from pretouch_registrar.coarse import coarse
+from pretouch_registrar import downsampling as module
+from pretouch_registrar.downsampling import downsample_scene
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.camera import Camera
@@ -23,12 +23,12 @@ TRUTH = Pose.from_rotation_vector((0.02, -0.02, 0.05), (0.01, -0.008, 0.012))
 
 def test_a_view_of_usual_size_is_left_alone() -> None:
     scene = WORLD.scene(KINECT).cropped(0.1)[0]
-    assert coarse(scene) is scene
+    assert downsample_scene(scene) is scene
 
 
 def test_a_whole_image_is_cut_to_the_object_and_answered_alike() -> None:
     whole = WORLD.scene(KINECT)
-    cut = coarse(whole)
+    cut = downsample_scene(whole)
     assert cut.mask.size < whole.mask.size / 2
     assert cut.mask.sum() == whole.mask.sum()
     np.testing.assert_allclose(cut.cloud, whole.cloud, atol=1e-9)
@@ -38,7 +38,7 @@ def test_a_whole_image_is_cut_to_the_object_and_answered_alike() -> None:
 def test_a_fine_view_is_thinned_in_place(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
     monkeypatch.setattr(module, "MOST_OBJECT_PIXELS", most)
     fine = WORLD.scene(CLOSE)
-    thin = coarse(fine)
+    thin = downsample_scene(fine)
     assert thin.mask.size < fine.mask.size
     assert min(most, fine.mask.sum()) / 5 < thin.mask.sum() <= 1.1 * most
     np.testing.assert_allclose(thin.centroid, fine.centroid, atol=5e-4)

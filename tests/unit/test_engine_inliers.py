@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.camera_model import CameraModel
-from pretouch_registrar.engines.inliers import Judged, judged
-from pretouch_registrar.engines.problem import Problem, pose_problem
+from pretouch_registrar.engines.inliers import Classification, classify_samples
+from pretouch_registrar.engines.registration_problem import RegistrationProblem, build_problem
 
 from pretouch.estimate import Prior
 from pretouch.geometry import Array, Pose, rotation_from_vector
@@ -27,11 +27,13 @@ def block() -> CameraModel:
     return camera_model.build(BLOCK.scene(KINECT, np.random.default_rng(3)).cropped(0.1)[0])
 
 
-def problem_of(model: CameraModel, xy: Array, ranges: Array, half_angle: float = 0.0, height: float = 0.085) -> Problem:
+def problem_of(
+    model: CameraModel, xy: Array, ranges: Array, half_angle: float = 0.0, height: float = 0.085
+) -> RegistrationProblem:
     """Beams that look down from `height` above the places xy (n, 2)."""
     origins = np.column_stack([xy, np.full(len(xy), height)])
     scan = Scan(origins, np.tile(DOWN, (len(xy), 1)), ranges)
-    return pose_problem(model, [scan], Prior(), Sensor(beam_half_angle=half_angle))
+    return build_problem(model, [scan], Prior(), Sensor(beam_half_angle=half_angle))
 
 
 def within_top(rng: np.random.Generator, count: int = 15) -> Array:
@@ -42,8 +44,8 @@ def within_table(rng: np.random.Generator, count: int = 15) -> Array:
     return np.asarray(rng.uniform((-0.03, 0.08), (0.03, 0.1), (count, 2)))
 
 
-def neither(verdict: Judged) -> Array:
-    return np.asarray(~verdict.agree & ~verdict.contradict)
+def neither(verdict: Classification) -> Array:
+    return np.asarray(~verdict.inlier & ~verdict.contradicting)
 
 
 @BOTH
@@ -54,9 +56,9 @@ def test_what_is_measured_at_the_truth_agrees(block: CameraModel, half_angle: fl
     xy = np.concatenate([within_top(rng), within_table(rng)])
     noise = rng.normal(0, 0.001, len(xy)).clip(-0.002, 0.002)
     ranges = np.where(np.arange(len(xy)) < 15, 0.045, 0.085) + noise
-    verdict = judged(AT_TRUTH, problem_of(block, xy, ranges, half_angle))
-    assert verdict.agree.all()
-    assert not verdict.contradict.any()
+    verdict = classify_samples(AT_TRUTH, problem_of(block, xy, ranges, half_angle))
+    assert verdict.inlier.all()
+    assert not verdict.contradicting.any()
     np.testing.assert_allclose(verdict.residuals, -noise if half_angle == 0 else noise, atol=0.0025)
 
 
@@ -67,9 +69,9 @@ def test_what_would_lie_inside_the_seen_object_contradicts(
     block: CameraModel, half_angle: float, seed: int, depth: float
 ) -> None:
     xy = within_top(np.random.default_rng(seed))
-    verdict = judged(AT_TRUTH, problem_of(block, xy, np.full(15, 0.045 + depth), half_angle))
-    assert verdict.contradict.all()
-    assert not verdict.agree.any()
+    verdict = classify_samples(AT_TRUTH, problem_of(block, xy, np.full(15, 0.045 + depth), half_angle))
+    assert verdict.contradicting.all()
+    assert not verdict.inlier.any()
 
 
 @BOTH
@@ -80,9 +82,11 @@ def test_what_would_hang_in_the_air_where_the_camera_looked_through_contradicts(
 ) -> None:
     rng = np.random.default_rng(seed)
     xy = within_table(rng) if table else within_top(rng)
-    verdict = judged(AT_TRUTH, problem_of(block, xy, np.full(15, (0.085 if table else 0.045) - rise), half_angle))
-    assert verdict.contradict.all()
-    assert not verdict.agree.any()
+    verdict = classify_samples(
+        AT_TRUTH, problem_of(block, xy, np.full(15, (0.085 if table else 0.045) - rise), half_angle)
+    )
+    assert verdict.contradicting.all()
+    assert not verdict.inlier.any()
 
 
 @BOTH
@@ -91,19 +95,19 @@ def test_a_miss_contradicts_where_something_was_seen_within_range_and_nowhere_el
 ) -> None:
     none = np.full(15, np.nan)
     over_the_block = within_top(np.random.default_rng(0))
-    verdict = judged(AT_TRUTH, problem_of(block, over_the_block, none, half_angle, height=0.07))
-    assert verdict.contradict.all()
-    high = judged(AT_TRUTH, problem_of(block, over_the_block, none, half_angle, height=0.25))
+    verdict = classify_samples(AT_TRUTH, problem_of(block, over_the_block, none, half_angle, height=0.07))
+    assert verdict.contradicting.all()
+    high = classify_samples(AT_TRUTH, problem_of(block, over_the_block, none, half_angle, height=0.25))
     assert neither(high).all()
     for one in (verdict, high):
-        assert not one.agree.any()
+        assert not one.inlier.any()
         assert not one.residuals.any()
 
 
 def test_a_hidden_side_neither_agrees_nor_contradicts(block: CameraModel) -> None:
     """The camera stands at negative x: what lies lower behind the block's far edge it could not have seen."""
     xy = np.column_stack([np.full(9, 0.065), np.linspace(-0.02, 0.02, 9)])
-    assert neither(judged(AT_TRUTH, problem_of(block, xy, np.full(9, 0.07)))).all()
+    assert neither(classify_samples(AT_TRUTH, problem_of(block, xy, np.full(9, 0.07)))).all()
 
 
 @BOTH
@@ -119,9 +123,9 @@ def test_a_correction_carries_the_samples_back_to_where_they_agree(
     moved = Pose.of(rotation, centroid + x[3:] - rotation @ centroid)
     origins = np.column_stack([within_top(rng), np.full(15, 0.085)])
     scan = Scan(moved.apply(origins), np.tile(moved.rotate(DOWN), (15, 1)), np.full(15, 0.045))
-    problem = pose_problem(block, [scan], Prior(), Sensor(beam_half_angle=half_angle))
-    assert judged(x, problem).agree.all()
-    assert judged(AT_TRUTH, problem).agree.sum() < 15
+    problem = build_problem(block, [scan], Prior(), Sensor(beam_half_angle=half_angle))
+    assert classify_samples(x, problem).inlier.all()
+    assert classify_samples(AT_TRUTH, problem).inlier.sum() < 15
 
 
 @BOTH
@@ -133,9 +137,12 @@ def test_a_verdict_is_each_samples_own_and_never_both(block: CameraModel, half_a
     ranges = np.where(rng.random(40) < 0.2, np.nan, rng.uniform(0.02, 0.1, 40))
     problem = problem_of(block, xy, ranges, half_angle)
     order = rng.permutation(40)
-    whole, mixed = judged(AT_TRUTH, problem), judged(AT_TRUTH, problem_of(block, xy[order], ranges[order], half_angle))
-    assert not (whole.agree & whole.contradict).any()
-    assert not whole.agree[np.isnan(ranges)].any()
+    whole, mixed = (
+        classify_samples(AT_TRUTH, problem),
+        classify_samples(AT_TRUTH, problem_of(block, xy[order], ranges[order], half_angle)),
+    )
+    assert not (whole.inlier & whole.contradicting).any()
+    assert not whole.inlier[np.isnan(ranges)].any()
     assert np.isfinite(whole.residuals).all()
     for one, other in zip(whole, mixed, strict=True):
         np.testing.assert_array_equal(one[order], other)
