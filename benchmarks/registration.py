@@ -48,11 +48,12 @@ def measure(cases: list[RegistrationCase], repeats: int, pcl_folder: Path) -> di
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "cases.bin"
         peers.write_cases(cases, file)
-        for run in (
+        runs: list[Callable[[], dict[str, peers.Result]]] = [
             lambda: peers.pcl(file, repeats, pcl_folder),
             lambda: peers.in_child("open3d", file, repeats),
             lambda: peers.in_child("small_gicp", file, repeats),
-        ):
+        ]
+        for run in runs:
             try:
                 results |= run()
             except peers.Missing as missing:
