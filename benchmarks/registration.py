@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_registrar.engines import SOLVERS, Engine, camera_model, icp, pcl, point_to_plane
+from pretouch_registrar.engines import Engine, camera_model, icp, pcl, point_to_plane, solve
 from pretouch_registrar.engines.neighbours import Index, index_of
 from pretouch_registrar.engines.problem import pose_problem
 from pretouch_registrar.engines.resources import Resources
@@ -114,9 +114,9 @@ def _ours(resources: Resources) -> dict[str, Callable[[RegistrationCase], Callab
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
             scan = Scan.of_points(case.source, -case.model.scene.table.normal)
             problem = pose_problem(case.model, [scan], Prior(), Sensor())
-            SOLVERS[name](problem, case.model, resources)
+            solve(name, problem, case.model, resources)
             centroid = problem.target.centroid
-            return lambda: pose_of(SOLVERS[name](problem, case.model, resources).x, centroid).inverse().matrix
+            return lambda: pose_of(solve(name, problem, case.model, resources).x, centroid).inverse().matrix
 
         return prepare
 

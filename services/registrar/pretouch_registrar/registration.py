@@ -14,7 +14,7 @@ from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.coarse import coarse
-from pretouch_registrar.engines import SOLVERS, Engine, camera_model
+from pretouch_registrar.engines import Engine, camera_model, solve
 from pretouch_registrar.engines.beam_width import SUPPOSED_HALF_ANGLE, measures_wide
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.goodness_of_fit import p_value
@@ -109,12 +109,12 @@ class Registrar:
         problem = pose_problem(model, scans, settings.prior, settings.sensor)
         if not scans:
             return problem, Solution(np.zeros(6), settings.prior.covariance())
-        solution = SOLVERS[settings.engine](problem, model, self._resources)
+        solution = solve(settings.engine, problem, model, self._resources)
         if settings.engine is Engine.POSTERIOR and not problem.wide:
             supposed = replace(settings.sensor, beam_half_angle=SUPPOSED_HALF_ANGLE)
             wide = pose_problem(model, scans, settings.prior, supposed)
             if measures_wide(solution.x, problem, wide, self._resources):
-                problem, solution = wide, SOLVERS[settings.engine](wide, model, self._resources)
+                problem, solution = wide, solve(settings.engine, wide, model, self._resources)
         fit = p_value(judged(solution.x, problem), problem, [len(scan) for scan in scans])
         return problem, _doubted(replace(solution, fit=fit), settings.prior)
 
