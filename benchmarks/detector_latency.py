@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -108,7 +109,7 @@ def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, A
         return answer
 
     answers = [ask(question) for question in questions]
-    times = measured([lambda question=question: ask(question) for question in questions], repeats)
+    times = measured([partial(ask, question) for question in questions], repeats)
     torch_times, torch_answers = _by_torch(questions, repeats, folder)
     mine, theirs = (np.concatenate(each) for each in (answers, torch_answers))
     return {"onnxruntime": times, "torch": torch_times, "apart": float(np.abs(mine - theirs).max())}
@@ -120,10 +121,13 @@ def _by_torch(questions: list[Question], repeats: int, folder: Path) -> tuple[li
         raise Unavailable("There is no torch, or no scorer.safetensors.", "Install pretouch[train].")
     with tempfile.TemporaryDirectory() as name:
         asked, told = Path(name) / "questions.npz", Path(name) / "answers.npz"
-        arrays = {f"{name}-{k}": array for k, question in enumerate(questions) for name, array in question.items()}
+        arrays: dict[str, Any] = {
+            f"{name}-{k}": array for k, question in enumerate(questions) for name, array in question.items()
+        }
         np.savez(asked, **arrays)
-        command = ["-m", "benchmarks.detector_latency_torch", asked, told, weights, str(THREADS), str(repeats)]
-        subprocess.run([sys.executable, *command], check=True, timeout=1800)
+        files = (str(asked), str(told), str(weights))
+        command = [sys.executable, "-m", "benchmarks.detector_latency_torch", *files, str(THREADS), str(repeats)]
+        subprocess.run(command, check=True, timeout=1800)
         with np.load(told) as file:
             return file["ms"].tolist(), [file[f"answer-{k}"] for k in range(len(questions))]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -31,7 +32,7 @@ def main() -> None:
         return answer[0, :, :2]
 
     with torch.inference_mode():
-        told = {f"answer-{k}": ask(k).numpy() for k in range(count)}
+        told: dict[str, Any] = {f"answer-{k}": ask(k).numpy() for k in range(count)}
         times = []
         for _ in range(int(repeats)):
             for k in range(count):

@@ -76,11 +76,12 @@ class Hour:
             self.unplug, self.reboot, self.flip, self.garbage, self.endless, self.half_frames, self.stall,
             self.another_board, self.host_jump, self.no_replies, self.repeat, self.stop_reading,
         ]  # fmt: skip
-        end, next_fault, order = self.now + seconds, self.now + EVERY / 2, []
+        end, next_fault = self.now + seconds, self.now + EVERY / 2
+        order: list[int] = []
         while self.now < end:
             self.now += STEP
             if self.now >= next_fault and self.now < end - EVERY / 2:
-                order = order or list(self.rng.permutation(len(kinds)))
+                order = order or self.rng.permutation(len(kinds)).tolist()
                 fault = kinds[order.pop()]
                 self.faults[fault.__name__] += 1
                 fault()

@@ -79,14 +79,14 @@ def run(connection: Connection, count: int, seed: int) -> None:
     fingers = [_Finger(number, rng) for number in range(count)]
     connection.send([finger.port for finger in fingers])
     while True:
-        readable, _, _ = select.select([connection, *fingers], [], [])
-        if connection in readable:
+        readable, _, _ = select.select([connection.fileno(), *(finger.fileno() for finger in fingers)], [], [])
+        if connection.fileno() in readable:
             job: Job | None = connection.recv()
             if job is None:
                 return
             connection.send(_do(job, fingers))
         else:
-            _answer(readable)
+            _answer([finger for finger in fingers if finger.fileno() in readable])
 
 
 class _Finger:

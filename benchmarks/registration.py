@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_registrar.engines import SOLVERS, Engine, camera_model, icp, pcl, point_to_plane
+from pretouch_registrar.engines import Engine, camera_model, icp, pcl, point_to_plane, solve
 from pretouch_registrar.engines.neighbours import Index, build_index
 from pretouch_registrar.engines.registration_problem import build_problem
 from pretouch_registrar.engines.resources import Resources
@@ -48,11 +48,12 @@ def measure(cases: list[RegistrationCase], repeats: int, pcl_folder: Path) -> di
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "cases.bin"
         peers.write_cases(cases, file)
-        for run in (
+        runs: list[Callable[[], dict[str, peers.Result]]] = [
             lambda: peers.pcl(file, repeats, pcl_folder),
             lambda: peers.in_child("open3d", file, repeats),
             lambda: peers.in_child("small_gicp", file, repeats),
-        ):
+        ]
+        for run in runs:
             try:
                 results |= run()
             except peers.Missing as missing:
@@ -113,10 +114,10 @@ def _ours(resources: Resources) -> dict[str, Callable[[RegistrationCase], Callab
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
             scan = Scan.of_points(case.source, -case.model.scene.table.normal)
             problem = build_problem(case.model, [scan], Prior(), Sensor())
-            SOLVERS[name](problem, case.model, resources)
+            solve(name, problem, case.model, resources)
             centroid = problem.target.centroid
             return lambda: (
-                pose_from_correction(SOLVERS[name](problem, case.model, resources).x, centroid).inverse().matrix
+                pose_from_correction(solve(name, problem, case.model, resources).x, centroid).inverse().matrix
             )
 
         return prepare

@@ -111,7 +111,7 @@ def pcl(cases: Path, repeats: int, folder: Path, methods: Sequence[str] = tuple(
     for name in methods:
         mode = PCL_MODES[name]
         table = cases.with_suffix(f".{mode}.csv")
-        words = [program, cases, mode, str(repeats), table, str(MAX_DISTANCE), str(MAX_ROUNDS)]
+        words = [str(program), str(cases), mode, str(repeats), str(table), str(MAX_DISTANCE), str(MAX_ROUNDS)]
         subprocess.run(words, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=True, capture_output=True, timeout=1800)
         rows = np.loadtxt(table, delimiter=",", ndmin=2)
         matches = np.tile(np.eye(4), (len(rows), 1, 1))
@@ -170,7 +170,7 @@ def _small_gicp() -> dict[str, Callable[[Array, Array, Array], Callable[[], Arra
 
 def _main(peer: str, cases: str, repeats: str, out: str) -> None:
     methods = {"open3d": _open3d, "small_gicp": _small_gicp}[peer]()
-    arrays: dict[str, Array] = {}
+    arrays: dict[str, Any] = {}
     for name, prepare in methods.items():
         answers = [timed(prepare(*case), int(repeats)) for case in read_cases(Path(cases))]
         arrays[f"seconds {name}"] = np.array([seconds for seconds, _ in answers])

@@ -16,7 +16,7 @@ from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_registrar.warm_up import warm_up
 from pretouch_simulation.demo import request_for
-from pretouch_simulation.fingers.thin_beam import ThinBeam
+from pretouch_simulation.fingers.ideal import ThinBeam
 from pretouch_simulation.frame_demo import direct_finger
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.objects import MAKERS

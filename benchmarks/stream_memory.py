@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import psutil
-from pretouch_simulation.fingers.thin_beam import ThinBeam
+from pretouch_simulation.fingers.ideal import ThinBeam
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import PLACE, TABLE, Case, generator, make_case
 from pretouch_simulation.scanning import scan_along

@@ -17,8 +17,9 @@ from pretouch.errors import Unavailable
 from pretouch.session import Proposer
 
 PROPOSERS = (Proposer.RANDOM, Proposer.NARF, Proposer.STABILITY, Proposer.DEEP)
-_SECONDS = {"ideal": 0.18, "vl6180x": 0.35, "cone": 0.35, "random": 0.35, PAPER: 0.015}
-"""s of one core for one scan and its registration."""
+_SECONDS = {"ideal": 0.18, PAPER: 0.015}
+_WIDE_BEAM_SECONDS = 0.35
+"""s of one core for one scan and its registration, of other fingers."""
 _VIEW_SECONDS, _LABELLED_VIEW_SECONDS = 1.0, 12.0
 
 
@@ -78,4 +79,4 @@ def jobs_of(
 def _cost(job: Job) -> float:
     """s of one core."""
     view = _LABELLED_VIEW_SECONDS if job.subject == ALGORITHM_1 else _VIEW_SECONDS
-    return view + job.count * job.offsets * _SECONDS[job.setup]
+    return view + job.count * job.offsets * _SECONDS.get(job.setup, _WIDE_BEAM_SECONDS)

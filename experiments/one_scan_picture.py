@@ -11,7 +11,7 @@ from pretouch_simulation.reliability import save_small
 
 from experiments.one_scan import ALGORITHM_1, CANDIDATES, PAPER, Row
 from experiments.one_scan_figures import cells, ends
-from experiments.one_scan_text import PAPER_MEAN, PAPER_TABLE, TITLES
+from experiments.one_scan_text import PAPER_MEAN, PAPER_TABLE, title_of
 
 COLOURS = {"random": "#999999", "narf": "#e6a000", "stability": "#377eb8", "deep": "#1b7837", ALGORITHM_1: "#984ea3"}
 _WIDTH = 0.8
@@ -51,7 +51,7 @@ def _draw(axes: Any, rows: Sequence[Row], setup: str) -> None:
     first = next(row for row in rows if row.subject != CANDIDATES)
     views = len({row.target for row in rows})
     counts = f"{len(table)} objects, n = {views} views x {first.count} proposals x {first.offsets} offsets"
-    title = TITLES[setup].replace("`", "")
+    title = title_of(setup).replace("`", "")
     axes.set_title(f"{title}\nmean and standard deviation of one scan: {counts}, seed {first.seed}", fontsize=10)
     axes.set_xticks(range(len(names)), [name.replace("__", "\n").replace("_", " ") for name in names], fontsize=8)
     axes.set(ylabel="error of the object's points, cm", xlim=(-0.6, len(names) - 0.4))

@@ -26,7 +26,7 @@ PAPER_TABLE: dict[str, dict[str, tuple[float, float]]] = {
 }
 """cm, mean and standard deviation over an object's first ten proposals: Lancaster et al. 2017, Table 1."""
 PAPER_MEAN = {"random": (1.98, 1.14), "narf": (1.97, 1.26), "deep": (1.16, 0.50)}
-TITLES = {
+_TITLES = {
     "ideal": "Real setting, ideal finger: the finger scans the displaced mesh, engine `posterior`",
     "vl6180x": "Real setting, VL6180X: the finger scans the displaced mesh, engine `posterior`",
     "cone": "Real setting, an unknown cone: the finger scans the displaced mesh, engine `posterior`",
@@ -47,6 +47,11 @@ _NOTES = {
 _DASH = "–"
 
 
+def title_of(setup: str) -> str:
+    """What a section about the setup is called."""
+    return _TITLES.get(setup, f"Real setting: finger `{setup}` scans the displaced mesh, engine `posterior`")
+
+
 def section(rows: Sequence[Row], setup: str, missing: dict[str, str]) -> str:
     """The tables of one setup.
 
@@ -55,7 +60,7 @@ def section(rows: Sequence[Row], setup: str, missing: dict[str, str]) -> str:
         missing: proposers that are not ready, and why.
     """
     rows = [row for row in rows if row.setup == setup]
-    lines = [f"## {TITLES[setup]}", "", _about(rows), "", *_NOTES.get(setup, ()), _objects(rows, missing)]
+    lines = [f"## {title_of(setup)}", "", _about(rows), "", *_NOTES.get(setup, ()), _objects(rows, missing)]
     lines += [*_overall(rows), "", *_oracle(rows)]
     lines += [f"`{name}` is left out: {reason}\n" for name, reason in missing.items()]
     lines += [f"Failed: {row.target}, {row.subject}: {row.problem}\n" for row in rows if row.problem]

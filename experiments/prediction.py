@@ -24,7 +24,7 @@ from pretouch_orchestrator.planning.path import plan_paths
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
-from pretouch_simulation.fingers.thin_beam import ThinBeam
+from pretouch_simulation.fingers.ideal import ThinBeam
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.labels.view import LabelView
 from pretouch_simulation.markdown import markdown_table

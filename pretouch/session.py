@@ -33,12 +33,12 @@ class State(StrEnum):
 
 
 class Proposer(StrEnum):
-    """How the detector proposes regions."""
+    """How the detector proposes regions, the best first."""
 
     DEEP = "deep"
+    STABILITY = "stability"
     RANDOM = "random"
     NARF = "narf"
-    STABILITY = "stability"
 
 
 class Planner(StrEnum):

@@ -31,7 +31,7 @@ class ProposeRequest(_message.Message):
     SENSOR_FIELD_NUMBER: _builtins.int
     SEED_FIELD_NUMBER: _builtins.int
     proposer: _builtins.str
-    """"deep", "random", "narf" or "stability"; empty: the best one that is ready."""
+    """The name of one that `DetectorService.ListProposers` lists; empty: the best one that is ready."""
     count: _builtins.int
     """How many regions at most; 0 means 20."""
     seed: _builtins.int

@@ -220,7 +220,7 @@ class CreateSessionRequest(_message.Message):
     depth_scale: _builtins.float
     """Metres that one stored unit of `depth` stands for; left out: 0.001."""
     proposer: _builtins.str
-    """"deep", "random", "narf" or "stability"; empty: the best one that is ready."""
+    """The name of one that `DetectorService.ListProposers` lists; empty: the best one that is ready."""
     planner: _builtins.str
     """"information" or "confidence"; empty: "information"."""
     idempotency_key: _builtins.str

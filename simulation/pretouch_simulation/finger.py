@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from importlib import import_module
 from typing import Protocol
 
 import numpy as np
@@ -10,15 +11,11 @@ from numpy.typing import NDArray
 
 from pretouch.geometry import Array
 from pretouch.tof import Sensor
-from pretouch_simulation.fingers.cone import draw_cone
-from pretouch_simulation.fingers.random import draw_random
-from pretouch_simulation.fingers.thin_beam import ThinBeam
-from pretouch_simulation.fingers.vl6180x import VL6180X
 from pretouch_simulation.world import World
 
 
 class FingerModel(StrEnum):
-    """Which fingertip is simulated.
+    """Which fingertip is simulated: each is the module of its name in `fingers`, with a function `draw(rng) -> Finger`.
 
     `IDEAL`: the paper's thin beam. `VL6180X`: the real module's cone, steps and errors. `CONE`: a cone that sees near
     parts first, of a width and a nearness that vary from one finger to the next. `RANDOM`: beam or cone, everything
@@ -50,12 +47,5 @@ class Finger(Protocol):
 
 def realise(model: FingerModel, rng: np.random.Generator) -> Finger:
     """A fingertip of the model, what varies between such fingertips drawn from `rng`; IDEAL and VL6180X never vary."""
-    match FingerModel(model):
-        case FingerModel.IDEAL:
-            return ThinBeam()
-        case FingerModel.VL6180X:
-            return VL6180X()
-        case FingerModel.CONE:
-            return draw_cone(rng)
-        case FingerModel.RANDOM:
-            return draw_random(rng)
+    finger: Finger = import_module(f"pretouch_simulation.fingers.{model.value}").draw(rng)
+    return finger

@@ -191,18 +191,18 @@ def run(measure: Measure, rate: float, seed: int) -> None:
 
 def main() -> int:
     """Command line; returns the exit status."""
+    from pretouch_simulation.finger import FingerModel, realise  # open3d takes a second to load
+    from pretouch_simulation.protocol import generator
+    from pretouch_simulation.world import World
+
     parser = argparse.ArgumentParser(prog="python -m pretouch_simulation.finger_process", description=__doc__)
     parser.add_argument("--world", type=Path, required=True, help="file that World.save wrote")
-    parser.add_argument("--sensor", choices=("ideal", "vl6180x", "cone", "random"), default="ideal")
+    parser.add_argument("--sensor", type=FingerModel, choices=list(FingerModel), default=FingerModel.IDEAL)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rate", type=float, default=30.0, help=f"samples per second, at most {MAX_RATE:g}")
     arguments = parser.parse_args()
     if not 0 < arguments.rate <= MAX_RATE or arguments.seed < 0:
         parser.error(f"need 0 < rate <= {MAX_RATE:g} and a seed of 0 or more")
-
-    from pretouch_simulation.finger import FingerModel, realise  # open3d takes a second to load
-    from pretouch_simulation.protocol import generator
-    from pretouch_simulation.world import World
 
     try:
         world = World.load(arguments.world)
@@ -210,7 +210,7 @@ def main() -> int:
         print(f"{error.detail} {error.remedy}", file=sys.stderr)
         return 2
     rng = np.random.default_rng(arguments.seed)
-    finger = realise(FingerModel(arguments.sensor), generator("finger-model", arguments.seed))
+    finger = realise(arguments.sensor, generator("finger-model", arguments.seed))
     finger.measure(world, np.eye(4)[None], rng)  # builds the ray caster before the first frame is due
     run(lambda poses: finger.measure(world, poses, rng), arguments.rate, arguments.seed)
     return 0

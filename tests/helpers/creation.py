@@ -43,7 +43,7 @@ def changed(path: str, value: Any) -> Any:
     """The request's JSON with the member at the dotted `path` set to `value`."""
     result = request_to_json(FULL)
     *parents, last = [int(step) if step.isdigit() else step for step in path.split(".")]
-    owner = result
+    owner: Any = result
     for step in parents:
         owner = owner[step]
     owner[last] = value

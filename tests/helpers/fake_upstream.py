@@ -29,6 +29,7 @@ import grpc
 import numpy as np
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 
+from helpers.unimplemented import unimplemented
 from pretouch.errors import PROBLEM_METADATA_KEY, NotFound, PretouchError, Unavailable, problem, wire_of
 from pretouch.estimate import Estimate, Prior, from_prior, point_error
 from pretouch.geometry import Pose
@@ -69,7 +70,7 @@ class FakeUpstream:
         self._credentials = credentials
         self.ready = {"stability", "narf", "random"}
         self.calls: list[Call] = []
-        self.samples = RangeSamples(np.zeros(0), np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0), np.zeros(0))
+        self.samples = RangeSamples(np.zeros(0), np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0, int), np.zeros(0, int))
         self.changed: Callable[[Estimate], Estimate] = _unchanged
         self._failures: defaultdict[str, list[PretouchError]] = defaultdict(list)
         self._gates: dict[str, threading.Event] = {}
@@ -220,6 +221,8 @@ class _Detector(detector_pb2_grpc.DetectorServiceServicer):
 
 
 class _Registrar(registrar_pb2_grpc.RegistrarServiceServicer):
+    RegisterStream = unimplemented
+
     def __init__(self, upstream: FakeUpstream) -> None:
         self.upstream = upstream
 
@@ -242,6 +245,8 @@ class _Registrar(registrar_pb2_grpc.RegistrarServiceServicer):
 
 
 class _Gateway(gateway_pb2_grpc.SensorGatewayServiceServicer):
+    Configure = GetStatus = ListDevices = StreamPoints = StreamRanges = unimplemented
+
     def __init__(self, upstream: FakeUpstream) -> None:
         self.upstream = upstream
 

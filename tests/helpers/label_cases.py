@@ -25,10 +25,10 @@ def scene(height: int = 20, width: int = 24) -> Scene:
 def example(name: str = "box-0-0", rectangles: int = 6, trials: int = 2, seen: Scene | None = None) -> Example:
     """Rectangles with made-up errors, the first half without trials."""
     rng = np.random.default_rng(len(name))
-    boxes = rng.uniform([5, 5, 3, 3, -1.5], [15, 15, 9, 9, 1.5], (rectangles, 5)).astype(np.float32)
-    scores = rng.uniform(0.001, 0.03, (rectangles, trials)).astype(np.float32)
+    boxes = rng.uniform([5, 5, 3, 3, -1.5], [15, 15, 9, 9, 1.5], (rectangles, 5)).astype(np.float32).astype(np.float64)
+    scores = rng.uniform(0.001, 0.03, (rectangles, trials)).astype(np.float32).astype(np.float64)
     scores[: rectangles // 2] = np.nan
-    predicted = rng.uniform(0.002, 0.015, rectangles).astype(np.float32)
+    predicted = rng.uniform(0.002, 0.015, rectangles).astype(np.float32).astype(np.float64)
     return Example(
         name, name.partition("-")[0], seen or scene(), SENSOR, boxes, scores, scores / 2, predicted, {"view": 0}
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from pretouch_orchestrator.sessions.loop import Loop
@@ -93,7 +94,7 @@ class FormulaRegistrar:
         return [present / (1 + path.length) for path in candidates]
 
 
-def asked(**changes: object) -> SessionRequest:
+def asked(**changes: Any) -> SessionRequest:
     return replace(SessionRequest(VIEW.camera, VIEW.base_T_camera, table=TABLE), **changes)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pretouch_simulation.fingers.thin_beam import ThinBeam
+from pretouch_simulation.fingers.ideal import ThinBeam
 from pretouch_simulation.protocol import PLACE, TABLE, Case, generator
 from pretouch_simulation.scanning import scan_along
 

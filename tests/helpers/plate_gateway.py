@@ -17,6 +17,7 @@ import grpc.aio
 import numpy as np
 from pretouch_sensor_gateway.calibration.model import ModuleCalibration
 
+from pretouch.geometry import Array
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import (
     SensorGatewayServiceServicer,
@@ -101,7 +102,7 @@ class PlateGateway(SensorGatewayServiceServicer):
         return pb.ConfigureResponse()
 
     def _batch(self, sent: int) -> pb.RangeBatch:
-        plate = self.plate + self.slide * (sent + np.arange(BATCH))
+        plate: Array = self.plate + self.slide * (sent + np.arange(BATCH, dtype=np.float64))
         raw, status = np.full((BATCH, len(self.modules)), np.nan), np.full((BATCH, len(self.modules)), 7)
         for k, module in enumerate(self.modules):
             if module is None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import grpc
 
+from helpers.unimplemented import unimplemented
 from pretouch.errors import PROBLEM_METADATA_KEY, PretouchError, problem, wire_of
 from pretouch.session import Session
 from pretouch.v1 import orchestrator_pb2 as pb
@@ -96,6 +97,8 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 class _Servicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
+    ListSessions = RunSession = unimplemented
+
     def __init__(self, script: ScriptedOrchestrator) -> None:
         self._script = script
 

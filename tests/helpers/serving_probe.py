@@ -12,6 +12,7 @@ from typing import Any
 
 import grpc
 import structlog
+from google.protobuf.message import Message
 from google.protobuf.wrappers_pb2 import BytesValue, StringValue
 
 from pretouch import errors
@@ -90,7 +91,7 @@ def _spin(seconds: float) -> None:
 @asynccontextmanager
 async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
     probe = Probe(context)
-    kinds = {
+    kinds: dict[str, tuple[Any, Any, type[Message]]] = {
         "Unary": (grpc.unary_unary_rpc_method_handler, probe.unary, StringValue),
         "Size": (grpc.unary_unary_rpc_method_handler, probe.size, BytesValue),
         "Bytes": (grpc.unary_unary_rpc_method_handler, probe.bytes, StringValue),

@@ -24,7 +24,9 @@ from pretouch.wire.common import array_to_proto
 PORT = "/dev/serial/by-id/usb-Pretouch_Finger_0042-if00"
 
 
-def device(name: str = "finger", state: int = pb.DEVICE_STATE_STREAMING, **fields: Any) -> pb.Device:
+def device(
+    name: str = "finger", state: pb.DeviceState.ValueType = pb.DEVICE_STATE_STREAMING, **fields: Any
+) -> pb.Device:
     return pb.Device(name=name, port=PORT, state=state, **fields)
 
 

@@ -60,8 +60,17 @@ def dense(path: Trajectory, step: float = 0.001) -> Array:
     return np.stack([np.interp(times, path.t, path.base_T_tip[:, k, 3]) for k in range(3)], axis=1)
 
 
+def placed(
+    object_sides: tuple[float, ...], yaw: float, others: list[tuple[tuple[float, ...], float, float, float]]
+) -> World:
+    """The object, and others about it: their sides, how far and in which direction they stand, and their turns."""
+    boxes = [Box.standing(size, (r * np.cos(a), r * np.sin(a)), turn) for size, r, a, turn in others]
+    return World((Box.standing(object_sides, yaw=yaw), *boxes))
+
+
 sides = st.tuples(st.floats(0.03, 0.14), st.floats(0.03, 0.14), st.floats(0.01, 0.14))
 neighbours = st.lists(st.tuples(sides, st.floats(0.05, 0.2), st.floats(-3.1, 3.1), st.floats(-3, 3)), max_size=2)
+worlds = st.builds(placed, sides, st.floats(-3, 3), neighbours)
 rectangles = st.lists(
     st.tuples(*[st.floats(0, 1)] * 2, *[st.floats(0.1, 1.3)] * 2, st.floats(-1.5, 1.5)), min_size=1, max_size=4
 )
@@ -72,38 +81,30 @@ corrections = st.builds(
 
 @settings(max_examples=30, deadline=None)
 @given(
-    object_sides=sides,
-    yaw=st.floats(-3, 3),
-    others=neighbours,
+    world=worlds,
     boxes=rectangles,
     correction=corrections,
-    translation_std=st.floats(0.0005, 0.015),
-    rotation_std=st.floats(0.001, 0.06),
+    prior=st.builds(Prior, st.floats(0.0005, 0.015), st.floats(0.001, 0.06)),
     scan=st.builds(ScanSettings, st.floats(0.012, 0.05), st.floats(0.02, 0.2)),
     down=st.floats(35, 70),
     seed=st.integers(0, 1000),
 )
 def test_whatever_is_there_the_tip_keeps_clear_of_it_and_within_its_speed(
-    object_sides: tuple[float, ...],
-    yaw: float,
-    others: list[tuple[tuple[float, ...], float, float, float]],
+    world: World,
     boxes: list[tuple[float, ...]],
     correction: Pose,
-    translation_std: float,
-    rotation_std: float,
+    prior: Prior,
     scan: ScanSettings,
     down: float,
     seed: int,
 ) -> None:
     rng = np.random.default_rng(seed)
-    placed = [Box.standing(size, (r * np.cos(a), r * np.sin(a)), turn) for size, r, a, turn in others]
-    world = World((Box.standing(object_sides, yaw=yaw), *placed))
     view = View(looking((0, 0, 0.02), 0.8, down))
     depth, mask = world.depth(view, rng)
     if mask.sum() < 60:
         return
     scene, _ = Scene(depth, view.camera, view.base_T_camera, mask, world.table).cropped(0.15)
-    estimate = estimated(scene, correction, translation_std, rotation_std)
+    estimate = estimated(scene, correction, prior.translation_std, prior.rotation_std)
     truths = [world.moved(true_correction(estimate, error)) for error in worst_errors(scene, estimate, rng)]
     for path in plan_paths(scene, [rectangle_over(scene, *box) for box in boxes], estimate, scan):
         if path is None:

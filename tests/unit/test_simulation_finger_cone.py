@@ -33,11 +33,11 @@ def looking_down(height: float, n: int = 1, x: float = 0.0) -> np.ndarray:
 
 
 def random_finger(seed: int) -> ConeFinger:
-    return random.draw_random(np.random.default_rng(seed))
+    return random.draw(np.random.default_rng(seed))
 
 
 def cone_finger(seed: int) -> ConeFinger:
-    return cone.draw_cone(np.random.default_rng(seed))
+    return cone.draw(np.random.default_rng(seed))
 
 
 def stated(sensor: Sensor) -> tuple[float, ...]:

@@ -2,23 +2,12 @@
 
 import ast
 import re
-import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 
-import pytest
+from helpers.sources import ROOT, sources
 
-ROOT = Path(__file__).resolve().parents[2]
 RETIRED = ("foretell", "foretold", "foresee", "foreseen", "foresight", "kit", "tally", "succession", "utils", "misc")
 NAME = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
-
-
-def sources() -> list[Path]:
-    """The Python files of the project, without those that are generated."""
-    listed = subprocess.run(["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=False)
-    if listed.returncode:
-        pytest.skip("not in a git checkout")
-    return [ROOT / line for line in listed.stdout.splitlines() if "_pb2" not in line]
 
 
 def words(name: str) -> set[str]:

@@ -19,7 +19,8 @@ from pretouch_orchestrator.servicer import SERVICE, OrchestratorServicer
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.manager import SessionManager
 from pretouch_orchestrator.settings import OrchestratorSettings
-from pretouch_orchestrator.store.sqlite import SqliteStore, open_store
+from pretouch_orchestrator.store import open_store
+from pretouch_orchestrator.store.protocol import Store
 from pretouch_orchestrator.upstream.clients import DetectorClient, GatewayClient, RegistrarClient, SceneMessages
 from pretouch_orchestrator.upstream.connection import UpstreamConnection
 
@@ -34,7 +35,7 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
     """
     settings = OrchestratorSettings.from_environment(os.environ)
     async with AsyncExitStack() as stack:
-        store = await stack.enter_async_context(open_store(settings.state))
+        store = await stack.enter_async_context(open_store(settings.store))
 
         async def connect(name: str, address: str) -> UpstreamConnection:
             cert, key = (context.settings.tls_cert, context.settings.tls_key) if settings.tls_ca else (None, None)
@@ -60,7 +61,7 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
         yield (SERVICE,)
 
 
-def _make_readiness_check(store: SqliteStore, upstreams: Sequence[UpstreamConnection]) -> Callable[[], Awaitable[None]]:
+def _make_readiness_check(store: Store, upstreams: Sequence[UpstreamConnection]) -> Callable[[], Awaitable[None]]:
     async def check() -> None:
         results = await asyncio.gather(
             store.check(), *(upstream.check() for upstream in upstreams), return_exceptions=True

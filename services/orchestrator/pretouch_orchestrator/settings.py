@@ -17,7 +17,7 @@ class OrchestratorSettings:
 
     Attributes:
         rest_port: 0 chooses a free port, which the log names.
-        state: the directory of the session store, created if it does not exist.
+        store: where sessions are kept, as `store.open_store` takes it.
         detector, registrar: host:port.
         gateway: host:port; None: robots send their own samples.
         tls_ca: certificate authority of the other services; if given, they are called over TLS.
@@ -25,7 +25,7 @@ class OrchestratorSettings:
 
     detector: str
     registrar: str
-    state: Path
+    store: str
     gateway: str | None = None
     rest_host: str = "127.0.0.1"
     rest_port: int = 8080
@@ -33,10 +33,10 @@ class OrchestratorSettings:
 
     @staticmethod
     def from_environment(environment: Mapping[str, str]) -> OrchestratorSettings:
-        """Reads PRETOUCH_ORCHESTRATOR_{DETECTOR, REGISTRAR, STATE, GATEWAY, REST_HOST, REST_PORT, TLS_CA}.
+        """Reads PRETOUCH_ORCHESTRATOR_{DETECTOR, REGISTRAR, STATE, STORE, GATEWAY, REST_HOST, REST_PORT, TLS_CA}.
 
         Raises:
-            InvalidInput: DETECTOR, REGISTRAR or STATE is missing, or REST_PORT is not a port.
+            InvalidInput: DETECTOR, REGISTRAR, or both STATE and STORE are missing, or REST_PORT is not a port.
         """
 
         def get_required(name: str) -> str:
@@ -54,7 +54,7 @@ class OrchestratorSettings:
         return OrchestratorSettings(
             detector=get_required("DETECTOR"),
             registrar=get_required("REGISTRAR"),
-            state=Path(get_required("STATE")),
+            store=get_optional("STORE") or f"sqlite:{get_required('STATE')}",
             gateway=get_optional("GATEWAY"),
             rest_host=get_optional("REST_HOST") or "127.0.0.1",
             rest_port=int(port),

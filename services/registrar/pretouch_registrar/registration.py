@@ -15,7 +15,7 @@ from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.beam_selection import select_beams
 from pretouch_registrar.downsampling import downsample_scene
-from pretouch_registrar.engines import SOLVERS, Engine, camera_model
+from pretouch_registrar.engines import Engine, camera_model, solve
 from pretouch_registrar.engines.beam_width import ASSUMED_HALF_ANGLE, is_wide_beam
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.goodness_of_fit import compute_p_value
@@ -111,12 +111,12 @@ class Registrar:
         problem = build_problem(model, scans, settings.prior, settings.sensor)
         if not scans:
             return problem, Solution(np.zeros(6), settings.prior.covariance())
-        solution = SOLVERS[settings.engine](problem, model, self._resources)
+        solution = solve(settings.engine, problem, model, self._resources)
         if settings.engine is Engine.POSTERIOR and not problem.wide:
             assumed = replace(settings.sensor, beam_half_angle=ASSUMED_HALF_ANGLE)
             wide = build_problem(model, scans, settings.prior, assumed)
             if is_wide_beam(solution.x, problem, wide, self._resources):
-                problem, solution = wide, SOLVERS[settings.engine](wide, model, self._resources)
+                problem, solution = wide, solve(settings.engine, wide, model, self._resources)
         fit = compute_p_value(classify_samples(solution.x, problem), problem, [len(scan) for scan in scans])
         return problem, _mix_with_prior(replace(solution, fit=fit), settings.prior)
 

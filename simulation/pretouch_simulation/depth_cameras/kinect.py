@@ -1,4 +1,4 @@
-"""A depth camera like the first Kinect: structured light, so that noise acts on the disparity.
+"""`kinect`: a depth camera like the first Kinect: structured light, so that noise acts on the disparity.
 
 The projector sits `BASELINE` to the right of the camera; what it does not light has no depth. The
 disparity is disturbed, quantised to 1/8 pixel and turned into depth.
@@ -99,3 +99,8 @@ def _measure(disparity: Array, scale: float, rng: np.random.Generator) -> Array:
     measured = BASELINE * FOCAL * STEPS_PER_PIXEL / np.maximum(steps, 1.0)
     good = there & (steps > 0) & (measured >= RANGE[0]) & (measured <= RANGE[1])
     return np.where(good, measured, 0.0)
+
+
+def draw(rng: np.random.Generator) -> Kinect:
+    """The camera; nothing about it varies."""
+    return Kinect()

@@ -30,6 +30,10 @@ class Outline:
     scale: float
 
 
+ASSUMED_OUTLINE = Outline(growth=0.8, shift=0.8, wander=1.2, scale=15.0)
+"""An assumption: no data tells how far a client's segmentation is off."""
+
+
 def distort_outline(
     mask: NDArray[np.bool_], outline: Outline, zoom: float, rng: np.random.Generator
 ) -> NDArray[np.bool_]:

@@ -31,7 +31,7 @@ DARKEST = 0.25
 """The reflectance of the darkest thing, against the wall that the module was calibrated on."""
 
 
-def draw_cone(rng: np.random.Generator) -> ConeFinger:
+def draw(rng: np.random.Generator) -> ConeFinger:
     """A finger of the family."""
     half_angle = SENSOR.beam_half_angle * float(rng.uniform(*WIDTH))
     nearness = float(np.exp(rng.uniform(*np.log(NEARNESS))))

@@ -50,7 +50,7 @@ FLAGGED = 0.03
 OUTLIERS = 0.02
 
 
-def draw_random(rng: np.random.Generator) -> ConeFinger:
+def draw(rng: np.random.Generator) -> ConeFinger:
     """A finger; all parameters of `cone_finger` and `cone_response` are drawn."""
     response, stated_half_angle = _draw_response(rng)
     errors = _draw_errors(rng)

@@ -1,4 +1,4 @@
-"""A model of ST's VL6180X proximity module: a cone instead of a beam, steps, bias, misses and outliers.
+"""`vl6180x`: a model of ST's VL6180X proximity module: a cone instead of a beam, steps, bias, misses and outliers.
 
 Sources. Where nothing better is known, a number is an assumption, and says so.
 
@@ -114,3 +114,8 @@ class VL6180X:
         ranges[outlier] = np.round(spurious[outlier] / STEP) / round(1 / STEP)
         status[outlier] = Status.OK
         return np.where(status == Status.OK, ranges, np.nan), status
+
+
+def draw(rng: np.random.Generator) -> VL6180X:
+    """The fingertip; nothing about it varies."""
+    return VL6180X()

@@ -21,7 +21,7 @@ from pretouch.rectangle import RotatedRectangle
 from pretouch.session import ScanSettings
 from pretouch.trajectory import Trajectory
 from pretouch_simulation.finger import Finger
-from pretouch_simulation.fingers.thin_beam import ThinBeam
+from pretouch_simulation.fingers.ideal import ThinBeam
 from pretouch_simulation.labels.view import LabelView
 from pretouch_simulation.protocol import draw_offset_about, generator
 

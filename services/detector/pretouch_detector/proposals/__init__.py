@@ -1,6 +1,8 @@
 """Proposers of regions worth scanning, behind one interface: `propose`.
 
-A proposer is a function `(scene, sensor, count, rng) -> list[ProposedRegion]`, the best region first.
+`pretouch.session.Proposer` lists them; each is the module of its name in this package, with a function
+`propose(scene, sensor, count, rng) -> list[ProposedRegion]`, the best region first. A module that needs something that
+may be missing also has `reason_not_ready() -> str`, empty when the proposer can be used.
 """
 
 from __future__ import annotations
@@ -20,8 +22,6 @@ from pretouch.session import Proposer
 from pretouch.tof import Sensor
 
 MAX_REGIONS = 200
-_PROPOSERS = (Proposer.DEEP, Proposer.STABILITY, Proposer.RANDOM, Proposer.NARF)
-"""The best first; each is the module of its name."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Proposals:
 
 def readiness() -> list[tuple[Proposer, str]]:
     """Each proposer, the usable ones first, with the reason why it is not ready; empty when it is."""
-    return sorted(((proposer, _reason_not_ready(proposer)) for proposer in _PROPOSERS), key=lambda pair: bool(pair[1]))
+    return sorted(((proposer, _reason_not_ready(proposer)) for proposer in Proposer), key=lambda pair: bool(pair[1]))
 
 
 def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int, seed: int) -> Proposals:
@@ -55,7 +55,8 @@ def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int,
 
 
 def _reason_not_ready(proposer: Proposer) -> str:
-    reason: str = _module(proposer).reason_not_ready() if proposer is Proposer.DEEP else ""
+    module = _module(proposer)
+    reason: str = module.reason_not_ready() if hasattr(module, "reason_not_ready") else ""
     return reason
 
 

@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
+from pretouch_detector.proposals.from_above import Grid
 
 _TERMS = 21
 """Entries of a symmetric (6, 6)'s lower triangle, row by row."""
@@ -14,20 +15,19 @@ _TERMS = 21
 
 @njit(cache=True, nogil=True)
 def mean_square(
-    rows: Array, corner: Array, cell: float, paths: Array, independent: Array, shifts: Array, precision: Array,
-    lever: Array,
-) -> Array:  # fmt: skip
+    rows: Array, grid: Grid, paths: Array, independent: Array, shifts: Array, precision: Array, lever: Array
+) -> Array:
     """(n,): the mean over displacements of trace(lever^T C lever), C being the covariance after a scan of a path.
 
     Args:
-        rows: (nx, ny, 6), see `information._rows`.
+        rows: (nx, ny, 6), see `information._rows`, over the cells of `grid`.
         independent: (n,), independent measurements that each beam of a path counts for.
         shifts: (t, 3), m and rad: the displacements.
         precision: (6, 6), the prior's.
         lever: (6, 6).
         paths: (n, b, 2), m.
     """
-    nx, ny = rows.shape[:2]
+    nx, ny = grid.shape
     products = np.empty((nx * ny, _TERMS))
     for u in range(nx):
         for v in range(ny):
@@ -41,7 +41,7 @@ def mean_square(
     total = np.zeros(len(paths))
     for n in range(len(paths)):
         for t in range(len(shifts)):
-            _met(paths[n], shifts[t], corner, cell, nx, ny, met)
+            _met(paths[n], shifts[t], grid, met)
             information[:] = 0.0
             for i in range(len(met)):
                 product = products[met[i]]
@@ -57,10 +57,9 @@ def mean_square(
 
 
 @njit(cache=True, nogil=True)
-def _met(
-    path: Array, shift: Array, corner: Array, cell: float, nx: int, ny: int, met: NDArray[np.int64]
-) -> None:  # fmt: skip
+def _met(path: Array, shift: Array, grid: Grid, met: NDArray[np.int64]) -> None:
     """Fills `met` (b,) with the number of the cell that each beam at path (b, 2), m, meets of a world so displaced."""
+    corner, cell, (nx, ny) = grid
     cosine, sine = np.cos(shift[2]) / cell, np.sin(shift[2]) / cell
     first = 0.5 - cosine * shift[0] - sine * shift[1] - corner[0] / cell
     second = 0.5 + sine * shift[0] - cosine * shift[1] - corner[1] / cell

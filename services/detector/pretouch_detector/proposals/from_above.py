@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -9,11 +11,30 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 
 
+class Grid(NamedTuple):
+    """Square cells over the table.
+
+    Attributes:
+        corner: (2,), m, the place of cell (0, 0).
+        cell: m, a cell's side.
+        shape: (nx, ny) cells.
+    """
+
+    corner: Array
+    cell: float
+    shape: tuple[int, int]
+
+
 @njit(cache=True, nogil=True)
 def from_above(
-    depth: NDArray[np.float32], mask: NDArray[np.bool_], camera: Array, turn: Array, shift: Array, band: float,
-    corner: Array, cell: float, shape: tuple[int, int],
-) -> tuple[Array, Array, Array]:  # fmt: skip
+    depth: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    camera: Array,
+    turn: Array,
+    shift: Array,
+    band: float,
+    grid: Grid,
+) -> tuple[Array, Array, Array]:
     """Where each pixel's point lies over the table, and how high object and table reach over each cell of a grid.
 
     Args:
@@ -22,15 +43,14 @@ def from_above(
         camera: (4,), fx, fy, cx, cy, px.
         turn, shift: (3, 3) and (3,), m: from the camera's frame to the table's, whose z is the height.
         band: m from the table's plane within which a pixel beside the object shows the table.
-        corner: (2,), m, the place of cell (0, 0).
-        cell: m, a cell's side.
-        shape: (nx, ny) cells; what lies beside them is left out.
+        grid: what lies beside it is left out.
 
     Returns:
         places (h, w, 2), m, NaN where neither object nor table; the highest of the object's points over each cell
         (nx, ny), m, and of the table's, -inf without one.
     """
     fx, fy, cx, cy = camera
+    corner, cell, shape = grid
     places = np.full((*depth.shape, 2), np.nan)
     top, ground = np.full(shape, -np.inf), np.full(shape, -np.inf)
     for v in range(depth.shape[0]):

@@ -59,13 +59,13 @@ def remaining_error(scene: Scene, sensor: Sensor, rectangles: Array, prior: Prio
     seen = relief(scene)
     boxes = np.ascontiguousarray(rectangles, dtype=np.float64)
     ways, lengths = perimeter_paths(
-        boxes, seen.places, seen.first, seen.step, seen.away, seen.corner, seen.cell, SCAN_MARGIN, _BEAMS
+        boxes, seen.places, seen.first, seen.step, seen.away, seen.grid, SCAN_MARGIN, _BEAMS
     )
     independent = _INDEPENDENT * (lengths / _INDEPENDENT_LENGTH) ** _INDEPENDENT_POWER / _BEAMS
     shifts = _DISPLACED * (prior.translation_std, prior.translation_std, prior.rotation_std)
     lever = _lever(seen.spread)
     precision = np.diag(1.0 / np.diag(prior.covariance()))
-    squares = mean_square(_rows(seen, sensor), seen.corner, seen.cell, ways, independent, shifts, precision, lever)
+    squares = mean_square(_rows(seen, sensor), seen.grid, ways, independent, shifts, precision, lever)
     return np.sqrt(squares), float(np.sqrt(np.trace(lever.T @ prior.covariance() @ lever)))
 
 
@@ -85,15 +85,15 @@ def _rows(seen: Relief, sensor: Sensor) -> Array:
 
     Table axes; zero where the camera saw neither object nor table.
     """
-    cleared = 2 * int(np.ceil(_CLEARED / seen.cell)) + 1
+    cleared = 2 * int(np.ceil(_CLEARED / seen.grid.cell)) + 1
     deepest = ndimage.maximum_filter(seen.height, size=cleared) + _CLEARANCE - sensor.range_max
-    reached = ndimage.gaussian_filter(np.maximum(seen.height, deepest), _SMOOTHING / seen.cell)
-    slope_x, slope_y = np.gradient(reached, seen.cell)
+    reached = ndimage.gaussian_filter(np.maximum(seen.height, deepest), _SMOOTHING / seen.grid.cell)
+    slope_x, slope_y = np.gradient(reached, seen.grid.cell)
     squared = slope_x**2 + slope_y**2
     spot = 0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle) / 2
     variance = _HEIGHT_STD**2 + sensor.range_std**2 + (_PLACE_STD**2 + spot**2) * squared
     informative = seen.known & ((seen.height >= deepest) | (squared > _STEEP**2))
-    x, y = (seen.corner[k] + seen.cell * np.arange(n) for k, n in enumerate(seen.height.shape))
+    x, y = (seen.grid.corner[k] + seen.grid.cell * np.arange(n) for k, n in enumerate(seen.grid.shape))
     normal = np.stack([-slope_x, -slope_y, np.ones_like(reached)], axis=-1)
     arm = np.stack([*np.broadcast_arrays(x[:, None], y[None, :]), reached - seen.centre_height], axis=-1)
     rows = np.concatenate([np.cross(arm, normal), normal], axis=-1)

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from pretouch.geometry import Array
+from pretouch_detector.proposals.from_above import Grid
 
 _STEPS = 120
 """Pixels that are sampled evenly along a perimeter."""
@@ -13,9 +14,15 @@ _STEPS = 120
 
 @njit(cache=True, nogil=True)
 def perimeter_paths(
-    rectangles: Array, places: Array, first: tuple[int, int], step: int, away: Array, corner: Array, cell: float,
-    reach: float, beams: int,
-) -> tuple[Array, Array]:  # fmt: skip
+    rectangles: Array,
+    places: Array,
+    first: tuple[int, int],
+    step: int,
+    away: Array,
+    grid: Grid,
+    reach: float,
+    beams: int,
+) -> tuple[Array, Array]:
     """Places (n, beams, 2), m, evenly along each perimeter, and the paths' lengths (n,), m.
 
     Stretches that show neither object nor table, or lie further than `reach`, m, from the object, are crossed straight.
@@ -23,13 +30,13 @@ def perimeter_paths(
 
     Args:
         rectangles: (n, 5) as [x, y, w, h, theta], px and rad.
-        places, first, step, away, corner, cell: as in `Relief`.
+        places, first, step, away, grid: as in `Relief`.
     """
     count = len(rectangles)
     along, lengths = np.zeros((count, beams, 2)), np.zeros(count)
     met, travelled = np.empty((_STEPS, 2)), np.empty(_STEPS)
     rows, columns = places.shape[:2]
-    nx, ny = away.shape
+    corner, cell, (nx, ny) = grid
     for n in range(count):
         x, y, w, h, theta = rectangles[n]
         cosine, sine = np.cos(theta), np.sin(theta)

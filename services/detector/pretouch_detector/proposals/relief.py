@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from pretouch.geometry import Array
 from pretouch.scene import TABLE_BAND, Scene
-from pretouch_detector.proposals.from_above import from_above
+from pretouch_detector.proposals.from_above import Grid, from_above
 
 AROUND = 0.05
 """m of table around the object that are mapped."""
@@ -28,8 +28,7 @@ class Relief:
     """Heights above the table over a grid of its plane; places are in the table's frame, the object's centroid at 0.
 
     Attributes:
-        corner: (2,), m, the place of cell (0, 0).
-        cell: m, a cell's side.
+        grid: the cells of `height`, `known` and `away`.
         height: (nx, ny), m: of the object's highest point there; 0 where none was seen.
         known: (nx, ny): the camera saw object or table there.
         away: (nx, ny), m, over the ground, from the object.
@@ -39,8 +38,7 @@ class Relief:
         spread: (3, 3), m^2, second moment of the object's points about their centroid.
     """
 
-    corner: Array
-    cell: float
+    grid: Grid
     height: Array
     known: NDArray[np.bool_]
     away: Array
@@ -68,13 +66,11 @@ def relief(scene: Scene) -> Relief:
     camera = np.array([c.fx, c.fy, c.cx, c.cy]) / step
     table_T_camera = table_T_base @ scene.base_T_camera
     shift = table_T_camera.translation - (centroid[0], centroid[1], 0.0)
-    places, top, ground = from_above(
-        depth, mask, camera, table_T_camera.rotation, shift, TABLE_BAND, corner, cell, (nx, ny)
-    )
+    grid = Grid(corner, cell, (nx, ny))
+    places, top, ground = from_above(depth, mask, camera, table_T_camera.rotation, shift, TABLE_BAND, grid)
     on = ndimage.binary_closing(np.isfinite(top), iterations=_CLOSING)
     return Relief(
-        corner=corner,
-        cell=cell,
+        grid=grid,
         height=_filled(top, on),
         known=on | ndimage.binary_closing(np.isfinite(ground), iterations=_CLOSING),
         away=np.asarray(ndimage.distance_transform_edt(~on) * cell, dtype=np.float64),

@@ -1,4 +1,4 @@
-"""The interface of session stores; `sqlite.py` implements it."""
+"""The interface of session stores."""
 
 from __future__ import annotations
 

@@ -131,12 +131,13 @@ _REMEDY = "Check the state directory's disk and permissions, then try again."
 
 
 @asynccontextmanager
-async def open_store(folder: Path) -> AsyncIterator[SqliteStore]:
-    """Opens the store in `folder`, which is created if it does not exist, and migrates its tables.
+async def open_store(place: str | Path) -> AsyncIterator[SqliteStore]:
+    """Opens the store in the folder `place`, which is created if it does not exist, and migrates its tables.
 
     Raises:
         Unavailable: the folder is not usable, in use by another process, or written by a newer pretouch.
     """
+    folder = Path(place)
     async with AsyncExitStack() as stack:
         try:
             stack.callback(os.close, _acquire_lock(folder))

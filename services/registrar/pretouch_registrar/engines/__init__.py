@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import StrEnum
+from importlib import import_module
 
-from pretouch_registrar.engines import paper, pcl, point_to_plane, posterior
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.registration_problem import RegistrationProblem
 from pretouch_registrar.engines.resources import Resources
@@ -13,7 +12,7 @@ from pretouch_registrar.engines.solution import Solution
 
 
 class Engine(StrEnum):
-    """The engines; each is described in the module of its name."""
+    """The engines; each is the module of its name, which describes it and has its `solve`."""
 
     POSTERIOR = "posterior"
     POINT_TO_PLANE = "point_to_plane"
@@ -21,9 +20,7 @@ class Engine(StrEnum):
     PCL = "pcl"
 
 
-SOLVERS: dict[Engine, Callable[[RegistrationProblem, CameraModel, Resources], Solution]] = {
-    Engine.POSTERIOR: posterior.solve,
-    Engine.POINT_TO_PLANE: point_to_plane.solve,
-    Engine.PAPER: paper.solve,
-    Engine.PCL: pcl.solve,
-}
+def solve(engine: Engine, problem: RegistrationProblem, model: CameraModel, resources: Resources) -> Solution:
+    """The engine's answer to the problem, which is of the scene that `model` is of."""
+    solution: Solution = import_module(f"{__name__}.{engine.value}").solve(problem, model, resources)
+    return solution

@@ -15,7 +15,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -147,6 +147,74 @@ def find_best(
     return winner, float(worst[winner])
 
 
+class _Seen(NamedTuple):
+    """The object as the camera sees it: points (n, 3), m, their normals (n, 3), and their pixels (n, 2)."""
+
+    points: Array
+    normals: Array
+    pixels: NDArray[np.float32]
+
+
+class _Moved(NamedTuple):
+    """The object as each offset puts it.
+
+    Attributes:
+        points: (t, n, 3), m.
+        order: (n,), of the pixels, in tiles.
+        pixels: (t, n, 2), in that order.
+        circles: (t, b, 3), around blocks of them.
+    """
+
+    points: Array
+    order: NDArray[np.int64]
+    pixels: NDArray[np.float32]
+    circles: Array
+
+
+class _Motions(NamedTuple):
+    """The offsets.
+
+    Attributes:
+        turns: (t, 3, 3).
+        moves: (t, 6), rad and m.
+        centre: (3,), m, which the turns leave in place.
+        prior: (6,), their precision.
+    """
+
+    turns: Array
+    moves: Array
+    centre: Array
+    prior: Array
+
+
+class _Settings(NamedTuple):
+    """What kernels need of `Trials`."""
+
+    matching: int
+    noise: float
+    on: float
+    near: float
+    seed: int
+
+
+class _Part(NamedTuple):
+    """What is scored in one go.
+
+    Attributes:
+        boxes: (r, 5), px and rad.
+        numbers: (r,), of the boxes among all.
+        columns: (c,), the trials.
+        so_far: (r,), m, the worst score of each box before.
+        pruned: whether a box is given up once it scores worse than the bound.
+    """
+
+    boxes: Array
+    numbers: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    so_far: Array
+    pruned: bool
+
+
 class _Scorer:
     """Scores rectangles of one view, with what all of its trials share."""
 
@@ -167,7 +235,8 @@ class _Scorer:
             raise InvalidInput(
                 "Matching point to plane needs the view's normals.", "Give View.normals, or choose another matching."
             )
-        self._trials, self._threads, self._first = trials, threads or os.cpu_count() or 1, first
+        self._threads, self._first = threads or os.cpu_count() or 1, first
+        self._settings = _Settings(int(trials.matching), trials.noise, trials.on, trials.near, trials.seed)
         points = np.ascontiguousarray(view.cloud[view.mask], dtype=np.float64)
         normals = view.normals[view.mask] if view.normals is not None else np.zeros_like(points)
         centre = points.mean(axis=0)
@@ -177,14 +246,10 @@ class _Scorer:
         moved_seen = view.camera.project(moved).astype(np.float32)
         prior = trials.prior.inverse_variances()
         tiles = sort_by_tile(seen)
-        self._points: tuple[Any, ...] = points, np.ascontiguousarray(normals, dtype=np.float64), seen
-        self._moved: tuple[Any, ...] = (
-            moved,
-            tiles,
-            np.ascontiguousarray(moved_seen[:, tiles]),
-            enclose_blocks(moved_seen[:, tiles]),
-        )
-        self._motion: tuple[Any, ...] = turns, self.moves, centre, prior
+        self._seen = _Seen(points, np.ascontiguousarray(normals, dtype=np.float64), seen)
+        in_order = np.ascontiguousarray(moved_seen[:, tiles])
+        self._moved = _Moved(moved, tiles, in_order, enclose_blocks(in_order))
+        self._motions = _Motions(turns, self.moves, centre, prior)
 
     def score(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64], so_far: Array | None = None,
@@ -198,48 +263,45 @@ class _Scorer:
         result = np.empty((len(rows), len(columns)))
         before = np.zeros(len(rows)) if so_far is None else so_far
         limit = np.array([np.inf]) if bound is None else bound
-        trials = self._trials
 
-        def part(start: int) -> None:
+        def score(start: int) -> None:
             chunk = slice(start, start + _CHUNK)
-            views = *self._points, *self._moved, *self._motion
-            trial = int(trials.matching), trials.noise, trials.on, trials.near, trials.seed
-            which = self._first + rows[chunk], columns, before[chunk]
-            arguments: Any = (self.boxes[rows[chunk]], *views, *trial, *which, bound is not None, limit, result[chunk])
-            _score(*arguments)
+            boxes, numbers = self.boxes[rows[chunk]], self._first + rows[chunk]
+            part = _Part(boxes, numbers, columns, before[chunk], bound is not None)
+            _score(part, self._seen, self._moved, self._motions, self._settings, limit, result[chunk])
 
         with ThreadPoolExecutor(self._threads) as pool:
-            list(pool.map(part, range(0, len(rows), _CHUNK)))
+            list(pool.map(score, range(0, len(rows), _CHUNK)))
         return result
 
 
 @njit(cache=True, nogil=True)
 def _score(
-    boxes: Array, points: Array, normals: Array, seen: NDArray[np.float32], moved: Array, tiles: NDArray[np.int64],
-    moved_seen: NDArray[np.float32], moved_blocks: Array, turns: Array, moves: Array, centre: Array, prior: Array,
-    matching: int, noise: float, on: float, near: float, seed: int, numbers: NDArray[np.int64],
-    columns: NDArray[np.int64], so_far: Array, pruned: bool, bound: Array, result: Array,
-) -> None:  # fmt: skip
-    """Fills `result` (r, t), m, for rectangles `boxes` (r, 5), numbered `numbers` (r,), in trials `columns` (t,)."""
+    part: _Part, seen: _Seen, moved: _Moved, motions: _Motions, settings: _Settings, bound: Array, result: Array
+) -> None:
+    """Fills `result` (r, c), m, and lowers `bound` (1,), m, to the worst score of each box that stays below it."""
+    boxes, numbers, columns, so_far, pruned = part
+    turns, moves, centre, prior = motions
+    matching, noise, on, near, seed = settings
     r, t = np.eye(3), np.zeros(3)
     for b in range(boxes.shape[0]):
         if pruned and so_far[b] > bound[0]:
             result[b] = np.inf
             continue
-        near_by = find_near_perimeter(seen, boxes[b], near)
-        target = points[near_by]
+        near_by = find_near_perimeter(seen.pixels, boxes[b], near)
+        target = seen.points[near_by]
         if matching == 2:
             for i in range(target.shape[0]):
                 for k in range(3):
                     target[i, k] = np.float32(target[i, k])
         matchable = target.shape[0] >= icp.MIN_CORRESPONDENCES
         index = build_index(target if matchable else centre.reshape(1, 3))
-        surface = normals[near_by][index.order] if matchable else normals[:1]
+        surface = seen.normals[near_by][index.order] if matchable else seen.normals[:1]
         worst = so_far[b]
         for c in range(columns.shape[0]):
             j = columns[c]
-            met = find_in_blocks(moved_seen[j], moved_blocks[j], tiles, boxes[b], on)
-            source = moved[j][met]
+            met = find_in_blocks(moved.pixels[j], moved.circles[j], moved.order, boxes[b], on)
+            source = moved.points[j][met]
             np.random.seed((seed + numbers[b] * moves.shape[0] + j) % 4294967296)
             for i in range(source.shape[0]):
                 for k in range(3):
@@ -247,7 +309,7 @@ def _score(
             r[:], t[:] = np.eye(3), np.zeros(3)
             if matchable and source.shape[0] >= icp.MIN_CORRESPONDENCES:
                 _match(source, index, surface, centre, prior, matching, r, t)
-            judged = source if source.shape[0] > 0 else moved[j]
+            judged = source if source.shape[0] > 0 else moved.points[j]
             result[b, c] = _mean_error(judged, r, t, turns[j], centre, moves[j])
             worst = max(worst, result[b, c])
             if pruned and worst > bound[0]:

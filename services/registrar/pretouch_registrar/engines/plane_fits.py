@@ -11,21 +11,20 @@ from pretouch.geometry import Array
 
 @njit(cache=True)
 def fit_planes(
-    metres: Array,
-    mask: NDArray[np.bool_],
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    steps: int,
-    stride: int,
-    band: float,
+    metres: Array, mask: NDArray[np.bool_], camera: Array, steps: int, stride: int, band: float
 ) -> tuple[Array, Array]:
     """Robust plane fits around each object pixel: its smoothed depth (h, w) and normal (h, w, 3), camera frame.
 
     A plane is linear in inverse depth over the image, 1/z = a u + b v + c, and a disparity camera's noise is constant
     there; three rounds of weighted least squares, weights by distance and by residual.
+
+    Args:
+        metres, mask: (h, w).
+        camera: (4,), fx, fy, cx, cy, px.
+        steps, stride: so many pixels to each side, so many pixels apart.
+        band: m, the residual at which a neighbour counts little.
     """
+    fx, fy, cx, cy = camera
     h, w = metres.shape
     depth = metres.copy()
     normals = np.zeros((h, w, 3))

@@ -14,6 +14,7 @@ import math
 import re
 
 from pretouch_sensor_gateway.wire_formats.parser import OK, Measurement
+from pretouch_sensor_gateway.wire_formats.text import TextFormat
 from pretouch_sensor_gateway.wire_formats.text_fields import NO_ANSWER, NO_TARGET, Reading, reading_with_status
 
 _HEAD = re.compile(r"\d{1,10}(?:\(([0-9A-Fa-f]{1,16})\))?")
@@ -76,3 +77,6 @@ def _measurement(readings: list[Reading | None]) -> Measurement | None:
         return None
     ranges, status = zip(*valid, strict=True)
     return Measurement(None, None, None, ranges, status)
+
+
+FORMATS = (TextFormat("adafruit", read_adafruit),)

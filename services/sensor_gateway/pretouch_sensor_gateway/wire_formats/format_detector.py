@@ -1,11 +1,11 @@
 """Detects the wire format from the first bytes of a connection.
 
-One binary frame with a correct checksum is sufficient, and so are two lines of `adafruit` or `stm32duino`: nothing else
-looks like them. Lines of bare numbers need more, because one column may be the device's time: `WINDOW` consecutive
-lines, all with the same number of columns. The first or the last column is a clock if it rises evenly from every line
-to the next, by at least `MIN_STEP`; neither is a clock if each stands still or falls at least `MIN_FALLS` times. The
-range of a finger that draws back rises too, but by less; the clock of a device that restarts falls once. In any other
-case the format stays undecided.
+One binary frame with a correct checksum is sufficient, and so are two lines of a text format that are more than bare
+numbers: nothing else looks like them. Lines of bare numbers need more, because one column may be the device's time:
+`WINDOW` consecutive lines, all with the same number of columns. The first or the last column is a clock if it rises
+evenly from every line to the next, by at least `MIN_STEP`; neither is a clock if each stands still or falls at least
+`MIN_FALLS` times. The range of a finger that draws back rises too, but by less; the clock of a device that restarts
+falls once. In any other case the format stays undecided.
 """
 
 from __future__ import annotations
@@ -16,16 +16,11 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import pairwise
 
-from pretouch_sensor_gateway.wire_formats.adafruit import read_adafruit
+from pretouch_sensor_gateway.wire_formats import millimetres
 from pretouch_sensor_gateway.wire_formats.binary import BinaryParser
 from pretouch_sensor_gateway.wire_formats.line_splitter import LineSplitter
-from pretouch_sensor_gateway.wire_formats.millimetres import (
-    read_millimetres,
-    read_millimetres_time,
-    read_time_millimetres,
-)
 from pretouch_sensor_gateway.wire_formats.parser import Refusal
-from pretouch_sensor_gateway.wire_formats.stm32duino import read_stm32duino
+from pretouch_sensor_gateway.wire_formats.registry import TEXT_FORMATS
 from pretouch_sensor_gateway.wire_formats.text_fields import parse_milliseconds, split_fields
 
 WINDOW = 12
@@ -37,6 +32,7 @@ MAX_UNEVENNESS = 4
 MIN_FALLS = 3
 """Steps within the window that do not rise, at least, in a column that is certainly no clock."""
 _LINES_OF_ITS_OWN_KIND = 2
+_OF_THEIR_OWN_KIND = [each for each in TEXT_FORMATS if each not in millimetres.FORMATS]
 
 
 class _Trend(Enum):
@@ -84,20 +80,15 @@ class FormatDetector:
         self._window.clear()
         if isinstance(line, Refusal):
             return None
-        for name, read in (("adafruit", read_adafruit), ("stm32duino", read_stm32duino)):
-            if read(line) is not None:
-                self._of_its_own_kind[name] += 1
-                return name if self._of_its_own_kind[name] == _LINES_OF_ITS_OWN_KIND else None
+        for each in _OF_THEIR_OWN_KIND:
+            if each.read(line) is not None:
+                self._of_its_own_kind[each.name] += 1
+                return each.name if self._of_its_own_kind[each.name] == _LINES_OF_ITS_OWN_KIND else None
         return None
 
 
 def _numbers(line: str) -> _Numbers | None:
-    readers = {
-        "millimetres": read_millimetres,
-        "time-millimetres": read_time_millimetres,
-        "millimetres-time": read_millimetres_time,
-    }
-    readable = frozenset(name for name, read in readers.items() if read(line) is not None)
+    readable = frozenset(each.name for each in millimetres.FORMATS if each.read(line) is not None)
     if not readable:
         return None
     words = split_fields(line)

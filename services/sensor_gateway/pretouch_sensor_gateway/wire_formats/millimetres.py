@@ -11,6 +11,7 @@ whole.
 from __future__ import annotations
 
 from pretouch_sensor_gateway.wire_formats.parser import Measurement
+from pretouch_sensor_gateway.wire_formats.text import TextFormat
 from pretouch_sensor_gateway.wire_formats.text_fields import parse_milliseconds, parse_reading, split_fields
 
 MILLIS_MODULUS = 2**32 * 1000
@@ -43,3 +44,10 @@ def _measurement(words: list[str], micros: int | None) -> Measurement | None:
         return None
     ranges, status = zip(*valid, strict=True)
     return Measurement(None, None, micros, ranges, status)
+
+
+FORMATS = (
+    TextFormat("millimetres", read_millimetres),
+    TextFormat("time-millimetres", read_time_millimetres, MILLIS_MODULUS),
+    TextFormat("millimetres-time", read_millimetres_time, MILLIS_MODULUS),
+)

@@ -12,6 +12,7 @@ import re
 
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
 from pretouch_sensor_gateway.wire_formats.parser import Measurement
+from pretouch_sensor_gateway.wire_formats.text import TextFormat
 from pretouch_sensor_gateway.wire_formats.text_fields import NO_ANSWER, reading_with_status
 
 DAY_MODULUS = 24 * 3600 * 1_000_000
@@ -36,3 +37,6 @@ def read_stm32duino(line: str) -> Measurement | None:
     seconds = (int(match["hours"]) * 60 + int(match["minutes"])) * 60 + int(match["seconds"])
     micros = (seconds * 1000 + int(match["millis"])) * 1000 % DAY_MODULUS
     return Measurement(None, int(match["count"]) % COUNTER_MODULUS, micros, ranges, status)
+
+
+FORMATS = (TextFormat("stm32duino", read_stm32duino, DAY_MODULUS),)

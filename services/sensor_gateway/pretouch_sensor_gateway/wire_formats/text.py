@@ -4,13 +4,26 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from pretouch_sensor_gateway.wire_formats.line_splitter import LineSplitter
 from pretouch_sensor_gateway.wire_formats.messages import MAX_MODULES
 from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Measurement, Refusal
 
-ReadLine = Callable[[str], Measurement | None]
-"""Reads a line of printable ASCII; None if it is not of the format."""
+
+@dataclass(frozen=True)
+class TextFormat:
+    """A line-based format.
+
+    Attributes:
+        name: as in a configuration.
+        read: reads a line of printable ASCII; None if it is not of the format.
+        tick_modulus: microseconds at which the device's time wraps; None if it sends none.
+    """
+
+    name: str
+    read: Callable[[str], Measurement | None]
+    tick_modulus: int | None = None
 
 
 class TextParser:
@@ -19,20 +32,15 @@ class TextParser:
     Lines have no checksum, so a lost byte can join or cut numbers. A line with another number of modules than those
     before is therefore refused; when a second one has that number before any has the old one, the new number is
     accepted.
-
-    Args:
-        name: of the format, as in a configuration.
-        read: reads a line.
-        tick_modulus: microseconds at which the device's time wraps; None if it sends none.
     """
 
     two_way = False
 
-    def __init__(self, name: str, read: ReadLine, tick_modulus: int | None = None) -> None:
-        self.name = name
-        self.tick_modulus = tick_modulus
+    def __init__(self, text_format: TextFormat) -> None:
+        self.name = text_format.name
+        self.tick_modulus = text_format.tick_modulus
         self.refused: Counter[Refusal] = Counter()
-        self._read = read
+        self._read = text_format.read
         self._lines = LineSplitter()
         self._modules: int | None = None
         self._candidate_modules: int | None = None

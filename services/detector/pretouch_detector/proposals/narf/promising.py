@@ -6,6 +6,8 @@ reach instead gives an upper bound, for which only pixels where the surface chan
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -18,6 +20,20 @@ _ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
 _ROUNDING = np.float32(1e-5)
 
 
+class _Strong(NamedTuple):
+    """The pixels where the surface changes, row by row.
+
+    Attributes:
+        columns: (n,), of each.
+        before: (h, w + 1), at [v, u]: how many are in earlier rows, and in this one to the left of u.
+        changes: (n, 7): each one's point, score and direction.
+    """
+
+    columns: NDArray[np.int32]
+    before: NDArray[np.int32]
+    changes: Floats
+
+
 def promising(
     image: RangeImage, change: Change, hidden: NDArray[np.bool_], where: NDArray[np.bool_], support: float, least: float
 ) -> NDArray[np.bool_]:
@@ -25,7 +41,6 @@ def promising(
     usable = np.isfinite(image.ranges) & ~hidden
     strong = usable & (change.scores >= LEAST_CHANGE)
     columns = np.nonzero(strong)[1].astype(np.int32)
-    # before[v, u]: strong pixels in earlier rows, and in this one to the left of u
     before = np.zeros((strong.shape[0], strong.shape[1] + 1), np.int32)
     before[:, 1:] = np.cumsum(strong, dtype=np.int32).reshape(strong.shape)
     before[1:, 0] = before[:-1, -1]
@@ -34,9 +49,7 @@ def promising(
     _promising(
         image.points,
         image.optics,
-        columns,
-        before,
-        changes,
+        _Strong(columns, before, changes),
         where & usable,
         np.float32(support),
         np.float32(least),
@@ -47,9 +60,10 @@ def promising(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _promising(
-    points: Floats, optics: Floats, columns: NDArray[np.int32], before: NDArray[np.int32], changes: Floats,
-    where: NDArray[np.bool_], support: np.float32, least: np.float32, found: NDArray[np.bool_],
+    points: Floats, optics: Floats, strong: _Strong, where: NDArray[np.bool_], support: np.float32, least: np.float32,
+    found: NDArray[np.bool_],
 ) -> None:  # fmt: skip
+    columns, before, changes = strong
     h, w = where.shape
     radius = _HALF * support
     square_radius, inverse_radius = radius * radius, _ONE / radius

@@ -1,4 +1,4 @@
-"""The paper's fingertip: a thin beam with 1.5 mm of noise."""
+"""`ideal`: the paper's fingertip: a thin beam with 1.5 mm of noise."""
 
 from __future__ import annotations
 
@@ -27,3 +27,8 @@ class ThinBeam:
         status[ranges < self.sensor.range_min] = Status.RANGE_UNDERFLOW
         status[ranges > self.sensor.range_max] = Status.NO_TARGET
         return np.where(status == Status.OK, ranges, np.nan), status
+
+
+def draw(rng: np.random.Generator) -> ThinBeam:
+    """The fingertip; nothing about it varies."""
+    return ThinBeam()

@@ -1,4 +1,4 @@
-"""A depth camera whose kind and parameters are drawn from wide ranges."""
+"""`random`: a depth camera whose kind and parameters are drawn from wide ranges."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pretouch_simulation.depth_cameras.rendering import DepthCamera
 from pretouch_simulation.draws import draw_log_uniform
 
 
-def draw_camera(rng: np.random.Generator) -> DepthCamera:
+def draw(rng: np.random.Generator) -> DepthCamera:
     """One of three kinds, equally likely, with parameters of its own. Ranges are uniform, some in the logarithm."""
     kind = rng.integers(3)
     if kind == 0:
