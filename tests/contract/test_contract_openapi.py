@@ -16,7 +16,7 @@ from schemathesis.checks import CHECKS, load_all_checks, response_schema_conform
 from schemathesis.transport.serialization import Binary
 
 from pretouch.client import RestClient
-from pretouch.client.images import depth_file, mask_file
+from pretouch.client.images import encode_depth, encode_mask
 from pretouch.session import Budget, Session
 
 load_all_checks()
@@ -71,8 +71,8 @@ def _made_to_fit(case: schemathesis.Case, url: str, ended: Session) -> bool:
     elif "session_id" in case.path_parameters:
         case.path_parameters["session_id"] = ended.id
     elif isinstance(case.body, dict) and "depth" in case.body:
-        case.body["depth"] = Binary(depth_file(DEPTH)[0])
-        case.body["mask"] = Binary(mask_file(MASK)[0])
+        case.body["depth"] = Binary(encode_depth(DEPTH)[0])
+        case.body["mask"] = Binary(encode_mask(MASK)[0])
     else:
         return False
     return True
