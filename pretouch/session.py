@@ -126,8 +126,8 @@ class SessionRequest:
         prior: standard deviations of the camera's calibration error.
         tolerance: when the session has converged.
         budget: what the session may spend.
-        sensor: the fingertip's range sensor.
-        scan: how the finger moves.
+        sensor: the range sensor in the robot's fingertip.
+        scan: the finger's height and speed.
         proposer: how regions are proposed; left out: the best proposer that is ready.
         planner: how the next region is chosen: by what its scan would tell, or by the proposer's confidence.
 
