@@ -118,16 +118,17 @@ class SessionRequest:
 
     Attributes:
         camera: intrinsics of the depth image.
-        base_T_camera: extrinsics as the client believes them; the camera frame has x right, y down, z forward.
+        base_T_camera: extrinsics as the client believes them: the camera in base; the camera frame has x right, y down,
+            z forward.
         depth_scale: metres that one stored unit of the depth image stands for.
         roi: [u0, v0, u1, v1] in pixels, half-open: the part of the image to look in; with a mask, their intersection.
-        table: the table in base, as the camera puts it; left out: estimated from the depth image.
+        table: the table in base, as the camera puts it, offset in metres; left out: estimated from the depth image.
         base_T_object: pose of the object in base, as the camera puts it, which the estimate then holds corrected.
-        prior: standard deviations of the camera's calibration error.
-        tolerance: when the session has converged.
-        budget: what the session may spend.
-        sensor: the range sensor in the robot's fingertip.
-        scan: the finger's height and speed.
+        prior: standard deviations of the camera's calibration error; left out: the defaults.
+        tolerance: when the session has converged; left out: the defaults.
+        budget: what the session may spend; left out: the defaults.
+        sensor: the range sensor in the robot's fingertip; left out: the defaults.
+        scan: how the finger moves; left out: the defaults.
         proposer: how regions are proposed; left out: the best proposer that is ready.
         planner: how the next region is chosen: by what its scan would tell, or by the proposer's confidence.
 

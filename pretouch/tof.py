@@ -70,7 +70,8 @@ class RangeSamples:
 
     Attributes:
         t: (n,) times in seconds, non-decreasing, on one clock.
-        base_T_tip: (n, 4, 4) poses of the tip in base at the samples' times; the tip frame has z along the beam.
+        base_T_tip: (n, 4, 4) poses of the tip in base at the samples' times, translation in metres; the tip frame has z
+            along the beam.
         range: (n,) ranges along the beam, in metres; NaN where the sensor returned none.
         status: (n,) the sensor's own status codes; 0 is good.
         module: (n,) indices of the modules in the sensor's `tip_T_module`.

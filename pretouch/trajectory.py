@@ -18,7 +18,7 @@ class Trajectory:
 
     Attributes:
         t: (n,) times in seconds, strictly increasing, n >= 1.
-        base_T_tip: (n, 4, 4) poses of the tip in base; the tip frame has z along the beam.
+        base_T_tip: (n, 4, 4) poses of the tip in base, translation in metres; the tip frame has z along the beam.
     """
 
     t: Array

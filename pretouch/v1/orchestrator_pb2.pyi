@@ -249,7 +249,7 @@ class CreateSessionRequest(_message.Message):
 
     @_builtins.property
     def roi(self) -> Global___Roi:
-        """The part of the depth image to look in, in pixels; with a mask, their intersection."""
+        """[u0, v0, u1, v1] in pixels, half-open: the part of the image to look in; with a mask, their intersection."""
 
     @_builtins.property
     def table(self) -> _common_pb2.Plane:
@@ -257,27 +257,27 @@ class CreateSessionRequest(_message.Message):
 
     @_builtins.property
     def base_t_object(self) -> _common_pb2.Pose:
-        """Pose of the object in base, as the camera puts it, which the session then holds corrected."""
+        """Pose of the object in base, as the camera puts it, which the estimate then holds corrected."""
 
     @_builtins.property
     def prior(self) -> _common_pb2.Prior:
-        """Standard deviations of the camera's calibration error; left out: 0.0115 m and 0.05 rad."""
+        """Standard deviations of the camera's calibration error; left out: the defaults."""
 
     @_builtins.property
     def tolerance(self) -> Global___Tolerance:
-        """When the session has converged; left out: the defaults of Tolerance."""
+        """When the session has converged; left out: the defaults."""
 
     @_builtins.property
     def budget(self) -> Global___Budget:
-        """What the session may spend; left out: the defaults of Budget."""
+        """What the session may spend; left out: the defaults."""
 
     @_builtins.property
     def sensor(self) -> _common_pb2.Sensor:
-        """The fingertip's range sensor; left out: the defaults of Sensor."""
+        """The range sensor in the robot's fingertip; left out: the defaults."""
 
     @_builtins.property
     def scan(self) -> Global___ScanSettings:
-        """How the finger moves; left out: the defaults of ScanSettings."""
+        """How the finger moves; left out: the defaults."""
 
     def __init__(
         self,
@@ -506,7 +506,7 @@ class Session(_message.Message):
 
     @_builtins.property
     def estimate(self) -> _common_pb2.Estimate:
-        """The correction and its uncertainty; before the first scan, identity and the prior. Never missing."""
+        """The correction and its uncertainty; before the first scan, identity and the prior."""
 
     @_builtins.property
     def next_scan(self) -> Global___ScanPlan:

@@ -86,7 +86,9 @@ class Waypoint(BaseModel):
     """The pose of the tip at a time."""
 
     t: float = Field(description="Time in seconds from 0, strictly increasing.")
-    base_T_tip: Pose = Field(description="Pose of the tip in base; the tip frame has z along the beam.")
+    base_T_tip: Pose = Field(
+        description="Pose of the tip in base, translation in metres; the tip frame has z along the beam."
+    )
 
 
 class ScanPlan(BaseModel):
@@ -131,7 +133,9 @@ class Sample(StrictModel):
     """One range sample."""
 
     t: float = Field(description="Time in seconds, non-decreasing, on one clock.")
-    base_T_tip: Pose = Field(description="Pose of the tip in base at that time; the tip frame has z along the beam.")
+    base_T_tip: Pose = Field(
+        description="Pose of the tip in base at that time, translation in metres; the tip frame has z along the beam."
+    )
     range: Annotated[float, Field(ge=0)] | None = Field(
         description="Range along the beam, in metres; null: the sensor returned none."
     )
