@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 import schemathesis
 from helpers.box_session import DEPTH, MASK, ROOMY, request
 from helpers.problems import TIMEOUT
 from helpers.processes import Orchestrator
+from helpers.scenes import Box, View, World
 from hypothesis import HealthCheck, given, settings
+from pretouch_orchestrator.rest import examples
 from schemathesis import GenerationMode
 from schemathesis.checks import CHECKS, load_all_checks, response_schema_conformance
 from schemathesis.transport.serialization import Binary
@@ -18,6 +22,7 @@ from schemathesis.transport.serialization import Binary
 from pretouch.client import RestClient
 from pretouch.client.images import encode_depth, encode_mask
 from pretouch.session import Budget, Session
+from pretouch.wire.json import request_from_json
 
 load_all_checks()
 _LEFT_OUT = {
@@ -89,3 +94,19 @@ def _check(case: schemathesis.Case, url: str) -> None:
     stream = response.headers.get("content-type", [""])[0].startswith("text/event-stream")
     left_out = [response_schema_conformance] if stream else []  # it reads each event as the schema's value
     case.validate_response(response, checks=_KEPT_CHECKS, excluded_checks=left_out)
+
+
+@pytest.mark.parametrize("example", [examples.MINIMAL_REQUEST, examples.COMPLETE_REQUEST], ids=["minimal", "complete"])
+def test_the_example_of_a_request_creates_a_session(example: dict[str, Any], orchestrator: Orchestrator) -> None:
+    asked = request_from_json(example)
+    box = Box.standing((0.08, 0.06, 0.05), at=(0.45, 0.0))
+    image, mask = World((box,)).depth(View(asked.base_T_camera, asked.camera, width=640, height=480))
+    depth = np.round(image.metres / asked.depth_scale).astype(np.uint16)
+    files = {
+        "request": ("request.json", json.dumps(example), "application/json"),
+        "depth": ("depth.png", *encode_depth(depth)),
+        "mask": ("mask.png", *encode_mask(mask)),
+    }
+    answer = httpx.post(f"{orchestrator.rest_url}/v1/sessions", files=files, timeout=TIMEOUT, trust_env=False)
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["state"] == "awaiting_scan"

@@ -64,7 +64,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         summary="Create a session",
         responses=openapi.responses(
             201,
-            openapi.json_response(models.Session, "The new session.", examples.CREATED),
+            openapi.json_response(models.Session, "The new session."),
             *(400, 401, 409, 413, 415, 422, 429, 503, 504),
         ),
         openapi_extra=openapi.creation_body(),
@@ -83,7 +83,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         summary="List sessions",
         responses=openapi.responses(
             200,
-            openapi.json_response(models.SessionList, "The newest first.", examples.SESSION_LIST),
+            openapi.json_response(models.SessionList, "The newest first."),
             *(401, 422, 429, 503),
         ),
     )
@@ -98,7 +98,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         summary="Get a session",
         responses=openapi.responses(
             200,
-            openapi.json_response(models.Session, "The session.", examples.CREATED),
+            openapi.json_response(models.Session, "The session."),
             *(401, 404, 503),
         ),
     )
@@ -122,7 +122,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         summary="Get the next scan's path",
         responses=openapi.responses(
             200,
-            openapi.json_response(models.ScanPlan, "The path.", examples.SCAN_PLAN),
+            openapi.json_response(models.ScanPlan, "The path."),
             *(401, 404, 409, 503),
         ),
     )
@@ -140,7 +140,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         summary="Submit a scan",
         responses=openapi.responses(
             200,
-            openapi.json_response(models.Session, "The session after the scan.", examples.CONVERGED),
+            openapi.json_response(models.Session, "The session after the scan."),
             *(400, 401, 404, 409, 413, 415, 422, 429, 503, 504),
         ),
         openapi_extra=openapi.submission_body(),
@@ -208,7 +208,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
     @app.get(
         "/healthz",
         summary="Is it alive?",
-        responses=openapi.responses(200, openapi.json_response(models.Health, "It answers.", {"status": "ok"})),
+        responses=openapi.responses(200, openapi.json_response(models.Health, "It answers.")),
     )
     async def get_health() -> dict[str, Any]:
         """The service answers."""
@@ -217,9 +217,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
     @app.get(
         "/readyz",
         summary="Is it ready?",
-        responses=openapi.responses(
-            200, openapi.json_response(models.Health, "It can serve sessions.", {"status": "ready"}), 503
-        ),
+        responses=openapi.responses(200, openapi.json_response(models.Health, "It can serve sessions."), 503),
     )
     async def get_readiness() -> dict[str, Any]:
         """The store is writable, and the upstream services are ready."""

@@ -98,7 +98,6 @@ MINIMAL_REQUEST: dict[str, Any] = {name: COMPLETE_REQUEST[name] for name in ("ca
 """The members that have no default."""
 CREATED = session_to_json(_CREATED)
 CONVERGED = session_to_json(_CONVERGED)
-SESSION_LIST = {"sessions": [CONVERGED], "next": None}
 SCAN_PLAN = scan_plan_to_json(_PLAN)
 SUBMISSIONS: dict[str, dict[str, Any]] = {
     "samples": {
@@ -117,6 +116,15 @@ SUBMISSIONS: dict[str, dict[str, Any]] = {
     "gateway": {"gateway": {"device": "finger", "from": 1767225600.0, "to": 1767225601.6}},
     "skipped": {"skipped": "unreachable"},
 }
+DOCUMENTS: dict[str, list[dict[str, Any]]] = {
+    "SessionRequest": [MINIMAL_REQUEST, COMPLETE_REQUEST],
+    "Session": [CREATED, CONVERGED],
+    "SessionList": [{"sessions": [CONVERGED], "next": None}],
+    "ScanPlan": [SCAN_PLAN],
+    "Submission": list(SUBMISSIONS.values()),
+    "Health": [{"status": "ok"}],
+}
+"""The examples of each schema."""
 EVENT = 'id: 4\nevent: end\ndata: {"state": "converged"}\n\n'
 METRIC = (
     "# TYPE pretouch_orchestrator_sessions_created_total counter\npretouch_orchestrator_sessions_created_total 3.0\n"

@@ -27,10 +27,9 @@ _BEARER = {
 _TITLES = {wire.http_status: wire.title for wire in WIRE.values()}
 
 
-def json_response(model: type[BaseModel], description: str, example: object) -> dict[str, Any]:
-    """A JSON response."""
-    content = {"schema": _reference(model), "example": example}
-    return {"description": description, "content": {"application/json": content}}
+def json_response(model: type[BaseModel], description: str) -> dict[str, Any]:
+    """A JSON response; the examples are those of the model."""
+    return {"description": description, "content": {"application/json": {"schema": _reference(model)}}}
 
 
 def text_response(media_type: str, description: str, example: str) -> dict[str, Any]:
@@ -73,9 +72,7 @@ def creation_body() -> dict[str, Any]:
 def submission_body() -> dict[str, Any]:
     """The JSON body of a scan."""
     schema = {"$ref": _REFERENCE.format(model="Submission")}
-    named = {name: {"value": document} for name, document in examples.SUBMISSIONS.items()}
-    content = {"application/json": {"schema": schema, "examples": named}}
-    return {"requestBody": {"required": True, "content": content}}
+    return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
 
 
 def install_document(app: FastAPI, *, token: bool) -> None:
@@ -108,7 +105,8 @@ def _build_document(app: FastAPI, token: bool) -> dict[str, Any]:
     submission = TypeAdapter(models.Submission).json_schema(ref_template=_REFERENCE)
     submission["description"] = "The result of a scan, in one of four forms."
     schemas = definitions["$defs"] | submission.pop("$defs") | {"Submission": submission}
-    schemas["SessionRequest"]["examples"] = [examples.MINIMAL_REQUEST, examples.COMPLETE_REQUEST]
+    for name, documents in examples.DOCUMENTS.items():
+        schemas[name]["examples"] = documents
     components = {"schemas": dict(sorted(schemas.items())), "securitySchemes": {"bearer": _BEARER}}
     if token:
         document["security"] = [{"bearer": []}]
