@@ -23,7 +23,13 @@ _SHORTEST_FOCAL_LENGTH, _LARGEST_INTRINSIC = 0.01, 1e6  # pixels
 
 @dataclass(frozen=True)
 class Camera:
-    """Pinhole intrinsics in pixels.
+    """Pinhole intrinsics; pixel centres are at integers, there is no distortion.
+
+    Attributes:
+        fx: focal length along u, in pixels.
+        fy: focal length along v, in pixels.
+        cx: principal point along u, in pixels.
+        cy: principal point along v, in pixels.
 
     Raises:
         Malformed: a value is not finite.

@@ -1,14 +1,14 @@
-"""The answer: a corrected pose and how sure we are of it."""
+"""The answer: a correction of the object's pose, and its uncertainty."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pretouch.errors import InvalidInput
-from pretouch.geometry import Array, Pose, frozen_array
+from pretouch.geometry import Array, Matrix6, Pose, Vector3, Vector6, frozen_array
 
 _HALF = np.random.default_rng(0).standard_normal((512, 6))
 _NORMAL = np.concatenate([_HALF, -_HALF])
@@ -25,9 +25,15 @@ _SUREST = 1e-6
 class Prior:
     """What is believed before the first scan: an unbiased normal error of the camera's calibration.
 
+    The defaults have the standard deviations of uniform errors of +-2 cm and +-5 deg.
+
     Attributes:
-        translation_std: m, per base axis. The default is uniform +-2 cm as a normal: 2 cm / sqrt 3.
-        rotation_std: rad, per base axis, about the object's centroid. The default is uniform +-5 deg as a normal.
+        translation_std: standard deviation of the translation along each base axis, in metres.
+        rotation_std: standard deviation of the rotation about each base axis through the object's centroid, in radians.
+
+    Raises:
+        Malformed: a value is not finite.
+        InvalidInput: a value out of its limits.
     """
 
     translation_std: float = 0.0115
@@ -53,26 +59,27 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class WeakDirection:
-    """A direction in which the pose is still free.
+    """A direction in which the samples constrain the pose weakly.
 
     Attributes:
-        direction: unit (6,), order (rotation vector scaled by the object's radius, translation), base axes.
-        std: m, standard deviation along it.
+        direction: unit vector of 6 numbers in base axes: rotation vector scaled by the object's radius, then
+            translation.
+        std: standard deviation along the direction, in metres.
         text: the direction in words.
     """
 
-    direction: Array
+    direction: Vector6
     std: float
     text: str
 
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A place that explains the samples.
+    """A correction that explains the samples.
 
     Attributes:
-        base_T_correction: maps a point where the camera put it to where this place has it, both in base.
-        weight: in (0, 1], the probability of this place among the modes of its estimate.
+        base_T_correction: maps a point from where the camera put it to where this mode puts it, both in base.
+        weight: probability of this mode among the estimate's modes, in (0, 1].
 
     Raises:
         InvalidInput: a weight out of its limits.
@@ -91,43 +98,46 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """A corrected pose with its uncertainty.
+    """A correction with its uncertainty. The covariance covers all modes.
+
+    A member is declared here and as a field of `pretouch.v1.Estimate`, with the same words; JSON, messages and the
+    OpenAPI description follow from it. REST leaves `sensor_problem` out: there it becomes a session's reason.
 
     Attributes:
-        base_T_correction: maps a point where the camera put it to where it truly is, both in base.
-        centroid: (3,), m, the mean of the object's cloud in base before correction.
-        covariance: 6x6, order (rotation vector, translation), base axes, of the error
+        base_T_correction: maps a point from where the camera put it to where it truly is, both in base.
+        centroid: mean c of the object's cloud in base before correction, in metres.
+        covariance: 6 x 6, row-major, order (rotation vector, translation), base axes, of the error
             (log(R_true R_est^T), T_true c - T_est c); rad^2, rad m, m^2.
-        expected_error: m, expectation, over the covariance, of the mean distance of estimated from true object points.
-        error_quantile: m, the 95 % quantile of the same.
-        unobservable: directions that are still free, the weakest first.
-        inliers: samples that agree with the estimate.
-        samples: samples used.
-        rmse: m, root mean square residual of the inliers; 0 without any.
-        modes: the places that explain the samples, this one first; their weights sum to 1. Left out: this one alone.
-            The covariance covers them all.
-        fit: in [0, 1], the p-value of the samples under the answer: the probability that samples of the object standing
-            there would agree with it no better than these do. 1 before the first scan.
-        sensor_problem: why the samples are no measurements (stuck, dead, noise that no sensor has, a unit off by 10 or
-            1000), in one sentence; empty: they are. The REST contract shows it in a session's reason only.
+        expected_error: expectation over the covariance of the mean distance between estimated and true object points,
+            in metres.
+        error_quantile: 95 % quantile of that mean distance, in metres.
+        unobservable: directions that the samples constrain weakly, the weakest first.
+        modes: corrections that explain the samples, this estimate first; the weights sum to 1.
+        fit: p-value of the samples under the estimate, in [0, 1]: the probability that samples of an object at this
+            pose would agree with it no better than these do; 1 before the first scan.
+        inliers: number of samples that agree with the estimate.
+        samples: number of samples used.
+        rmse: root mean square residual of the inliers, in metres; 0 without inliers.
+        sensor_problem: why the samples are not measurements (stuck, dead, too noisy, a wrong unit), in one sentence;
+            empty if they are.
 
     Raises:
-        InvalidInput: a fit out of its limits, modes that do not sum to 1 or of which the first is another place.
+        InvalidInput: a fit out of its limits, or modes that do not sum to 1 or do not begin with this estimate.
         Malformed: a fit that is not finite.
     """
 
     base_T_correction: Pose
-    centroid: Array
-    covariance: Array
+    centroid: Vector3
+    covariance: Matrix6
     expected_error: float
     error_quantile: float
     unobservable: tuple[WeakDirection, ...] = ()
+    modes: tuple[Mode, ...] = ()
+    fit: float = 1.0
     inliers: int = 0
     samples: int = 0
     rmse: float = 0.0
-    modes: tuple[Mode, ...] = ()
-    fit: float = 1.0
-    sensor_problem: str = ""
+    sensor_problem: str = field(default="", metadata={"json": False})
 
     def __post_init__(self) -> None:
         fit = float(frozen_array(self.fit, (), "estimate.fit"))

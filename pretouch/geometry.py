@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from pretouch.errors import InvalidInput, Malformed
 
 Array = NDArray[np.float64]
+Vector3 = Annotated[Array, (3,)]
+Vector6 = Annotated[Array, (6,)]
+Matrix6 = Annotated[Array, (6, 6)]
+"""Arrays whose shape is part of the contract: `pretouch.wire` reads it from the annotation."""
 
 QUATERNION_NORM_TOLERANCE = 1e-3
 """A quaternion whose norm is within this of 1 is normalised; any other is refused."""
@@ -231,11 +236,15 @@ class Plane:
     """The plane of all p with normal . p = offset.
 
     Attributes:
-        normal: (3,), unit length, away from the solid side (a table's normal points up).
-        offset: m.
+        normal: unit normal (x, y, z) in the plane's frame, which is base for a table; it points away from the table.
+        offset: distance of the plane from the frame's origin along the normal, in metres.
+
+    Raises:
+        Malformed: a value is not finite.
+        InvalidInput: the normal is not of unit length.
     """
 
-    normal: Array
+    normal: Vector3
     offset: float
 
     def __post_init__(self) -> None:

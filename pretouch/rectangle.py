@@ -13,9 +13,16 @@ from pretouch.geometry import Array, frozen_array
 
 @dataclass(frozen=True)
 class RotatedRectangle:
-    """`[x, y, w, h, theta]`: centre and sides in pixels, theta in radians from +u towards +v.
+    """A rotated rectangle `[x, y, w, h, theta]` in a depth image.
 
-    theta is brought into [-pi/2, pi/2): the rectangle is the same after half a turn.
+    theta is normalised to [-pi/2, pi/2): half a turn leaves the rectangle as it is.
+
+    Attributes:
+        x: centre along u, in pixels.
+        y: centre along v, in pixels.
+        w: side along theta, in pixels.
+        h: side across theta, in pixels.
+        theta: angle from +u towards +v, in radians, in [-pi/2, pi/2).
 
     Raises:
         Malformed: a value is not finite.

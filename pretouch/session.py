@@ -1,4 +1,4 @@
-"""A session as its client sees it: what it asked for, and where it stands. The REST and gRPC contracts in types."""
+"""The types of the session contract, which REST and gRPC share: requests, plans, scans and the session itself."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MIN_SPEED = 1e-6
 
 
 class State(StrEnum):
-    """Where a session stands; all but `AWAITING_SCAN` are ends."""
+    """Whether a session awaits a scan, or how it ended."""
 
     AWAITING_SCAN = "awaiting_scan"
     CONVERGED = "converged"
@@ -42,7 +42,7 @@ class Proposer(StrEnum):
 
 
 class Planner(StrEnum):
-    """How the next region is chosen: by what its scan would tell, or by the proposer's confidence."""
+    """How the next region is chosen: by the information in its scan, or by the proposer's confidence."""
 
     INFORMATION = "information"
     CONFIDENCE = "confidence"
@@ -59,8 +59,12 @@ def _positive(owner: Any, member: str, limits: dict[str, float]) -> None:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Converged = the `confidence` quantile of the object's mean point error is at most `error`, m, and the answer
-    explains the samples.
+    """When a session has converged: the mean point error is within `error` with `confidence`, and the estimate explains
+    the samples.
+
+    Attributes:
+        error: largest mean point error that is good enough, in metres.
+        confidence: probability with which the mean point error must be within `error`, in (0, 1).
     """
 
     error: float = 0.003
@@ -72,7 +76,13 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a session may spend: scans, robot seconds (the sum of the scans' durations), share of the object scanned."""
+    """What a session may spend; a scan that would exceed it is not planned.
+
+    Attributes:
+        scans: number of scans.
+        seconds: robot seconds: the sum of the scans' durations.
+        fraction: share of the object's visible cloud within 5 mm of a returned sample's point, in (0, 1].
+    """
 
     scans: int = 10
     seconds: float = 120.0
@@ -86,7 +96,12 @@ class Budget:
 
 @dataclass(frozen=True)
 class ScanSettings:
-    """How the finger moves: `standoff` above the surface, m; never faster than `speed`, m/s."""
+    """How the finger moves.
+
+    Attributes:
+        standoff: height of the tip above the surface, in metres.
+        speed: largest speed of the tip, in metres per second.
+    """
 
     standoff: float = 0.03
     speed: float = 0.05
@@ -99,10 +114,27 @@ class ScanSettings:
 
 @dataclass(frozen=True, eq=False)
 class SessionRequest:
-    """What a client asks for, without the images; see the REST contract for each member.
+    """What a client asks for, without the images.
+
+    Attributes:
+        camera: intrinsics of the depth image.
+        base_T_camera: extrinsics as the client believes them: the camera in base; the camera frame has x right, y down,
+            z forward.
+        depth_scale: metres that one stored unit of the depth image stands for.
+        roi: [u0, v0, u1, v1] in pixels, half-open: the part of the image to look in; with a mask, their intersection.
+        table: the table in base, as the camera puts it, offset in metres; left out: estimated from the depth image.
+        base_T_object: pose of the object in base, as the camera puts it, which the estimate then holds corrected.
+        prior: standard deviations of the camera's calibration error; left out: the defaults.
+        tolerance: when the session has converged; left out: the defaults.
+        budget: what the session may spend; left out: the defaults.
+        sensor: the range sensor in the robot's fingertip; left out: the defaults.
+        scan: how the finger moves; left out: the defaults.
+        proposer: how regions are proposed; left out: the best proposer that is ready.
+        planner: how the next region is chosen: by what its scan would tell, or by the proposer's confidence.
 
     Raises:
-        InvalidInput: members that do not fit each other.
+        Malformed: a value is not finite.
+        InvalidInput: a value out of its limits, or members that do not fit each other.
     """
 
     camera: Camera
@@ -144,11 +176,14 @@ class SessionRequest:
 
 @dataclass(frozen=True)
 class Region:
-    """A rectangle worth scanning.
+    """A region that is worth scanning.
 
     Attributes:
-        confidence: the proposer's own score in [0, 1].
-        expected_error: m, what the estimate's expected error would become if this region were scanned next.
+        id: name of the region within the session.
+        rectangle: [x, y, w, h, theta] in the client's depth image: centre and sides in pixels, theta in radians from +u
+            towards +v.
+        confidence: the proposer's score in [0, 1]; higher is better.
+        expected_error: what the estimate's expected error would become if this region were scanned next, in metres.
     """
 
     id: str
@@ -159,7 +194,14 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class ScanPlan:
-    """A path for the fingertip; its time starts at 0, its first and last pose are reached from above."""
+    """A path for the fingertip: straight lines and slerp between waypoints.
+
+    Attributes:
+        scan_id: name of the scan, with which its samples are submitted.
+        region_id: name of the region that the path follows.
+        path: times in seconds from 0, and poses `base_T_tip` of the tip in base, z along the beam. The first and the
+            last pose are reached along the beam, from above.
+    """
 
     scan_id: str
     region_id: str
@@ -168,10 +210,15 @@ class ScanPlan:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """A scan as points (n, 3), m, in base, from a robot that computes them itself.
+    """A scan as points, from a robot that computes them itself.
+
+    Attributes:
+        points: (n, 3) points in base, in metres.
 
     Raises:
-        Malformed, InvalidInput, TooLarge: see the message.
+        Malformed: a number is not finite.
+        InvalidInput: not points of three numbers each, or one too far away.
+        TooLarge: more than MAX_SAMPLES points.
     """
 
     points: Array
@@ -185,7 +232,17 @@ class Points:
 
 @dataclass(frozen=True)
 class GatewaySpan:
-    """A scan as a span of samples that the gateway holds; times in s since the Unix epoch on the gateway's clock."""
+    """A scan as a span of samples that the sensor gateway holds.
+
+    Attributes:
+        device: name of the gateway's device; empty: its only one.
+        start: start of the span, in seconds since the Unix epoch on the clock of the gateway's host.
+        end: end of the span, in seconds since the Unix epoch on the clock of the gateway's host.
+
+    Raises:
+        Malformed: a time is not finite.
+        InvalidInput: the end is not after the start.
+    """
 
     device: str
     start: float
@@ -203,7 +260,15 @@ class GatewaySpan:
 
 @dataclass(frozen=True, eq=False)
 class Skipped:
-    """A scan that could not be made, with the samples taken so far."""
+    """A scan that could not be made.
+
+    Attributes:
+        samples: the samples taken so far, if any.
+        reason: "unreachable".
+
+    Raises:
+        InvalidInput: another reason.
+    """
 
     samples: RangeSamples | None = None
     reason: str = "unreachable"
@@ -214,12 +279,22 @@ class Skipped:
 
 
 Submission = RangeSamples | Points | GatewaySpan | Skipped
-"""What a client can say of a planned scan."""
+"""The result of a planned scan."""
 
 
 @dataclass(frozen=True)
 class ScanSummary:
-    """A scan that was used: `returns` of `samples` came back; `expected_error`, m, after it."""
+    """A scan that was used.
+
+    Attributes:
+        scan_id: name of the scan.
+        region_id: name of the region that was scanned.
+        samples: number of samples.
+        returns: number of samples with a range.
+        length: length of the tip's path, in metres.
+        duration: duration of the tip's path, in seconds.
+        expected_error: the estimate's expected error after the scan, in metres.
+    """
 
     scan_id: str
     region_id: str
@@ -232,7 +307,13 @@ class ScanSummary:
 
 @dataclass(frozen=True)
 class BudgetUsed:
-    """Spent so far, in the units of `Budget`."""
+    """What a session has spent.
+
+    Attributes:
+        scans: number of scans made.
+        seconds: robot seconds: the sum of the scans' durations.
+        fraction: share of the object's visible cloud within 5 mm of a returned sample's point, in [0, 1].
+    """
 
     scans: int = 0
     seconds: float = 0.0
@@ -241,14 +322,21 @@ class BudgetUsed:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Where a session stands.
+    """The present state of a session.
 
     Attributes:
-        base_T_object: the corrected object pose, if the client gave one to correct.
-        next_scan: None when there is none.
-        reason: why it is `EXHAUSTED` or `FAILED`, else None: a problem document (RFC 9457) with type, title, status,
-            detail and remedy. The type of an exhausted one ends in one of `pretouch.exhaustion.Exhaustion`; one that an
-            older pretouch exhausted has none.
+        id: name of the session.
+        state: whether the session awaits a scan, or how it ended.
+        proposer: the proposer that is used.
+        planner: the planner that is used.
+        regions: the regions of the object that are worth scanning, the proposer's best first.
+        estimate: the correction and its uncertainty; before the first scan, identity and the prior.
+        next_scan: the path of the next scan, if there is one.
+        scans: the scans so far, the oldest first.
+        budget_used: what was spent of the budget.
+        base_T_object: the corrected pose of the object in base, if the client gave one to correct.
+        reason: why the session is exhausted or failed: a problem document (RFC 9457). The type of an exhausted one ends
+            in scans, seconds, fraction, nothing-to-gain, out-of-range, misfit or sensor.
     """
 
     id: str

@@ -22,14 +22,19 @@ STATUS_OK = 0
 
 @dataclass(frozen=True)
 class Sensor:
-    """A fingertip range sensor.
+    """The fingertip's range sensor.
 
     Attributes:
-        range_min, range_max: m along the beam; beyond `range_max` there is no return.
-        range_std: m, standard deviation of one range.
-        beam_half_angle: rad; 0 is a thin beam.
-        rate: samples per second of each module.
-        tip_T_module: the pose of each module in the tip frame; the default is one module at the tip.
+        range_min: shortest range along the beam, in metres.
+        range_max: longest range along the beam, in metres; beyond it there is no return.
+        range_std: standard deviation of one range, in metres.
+        beam_half_angle: half angle of the beam's cone, in radians; 0 is a thin beam.
+        rate: measurements of each module per second, in hertz.
+        tip_T_module: pose of each module in the tip frame, z along its beam; left out: one module at the tip.
+
+    Raises:
+        Malformed: a value is not finite.
+        InvalidInput: a value out of its limits.
     """
 
     range_min: float = 0.01
@@ -61,14 +66,15 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class RangeSamples:
-    """The samples of one scan, as a robot sends them.
+    """The n samples of one scan, as a robot sends them.
 
     Attributes:
-        t: (n,) s, non-decreasing.
-        base_T_tip: (n, 4, 4), the tip's pose at each sample's time.
-        range: (n,) m along the beam; NaN where the sensor gave none.
-        status: (n,) the sensor's own status code, 0 is good.
-        module: (n,) index into the sensor's `tip_T_module`.
+        t: (n,) times in seconds, non-decreasing, on one clock.
+        base_T_tip: (n, 4, 4) poses of the tip in base at the samples' times, translation in metres; the tip frame has z
+            along the beam.
+        range: (n,) ranges along the beam, in metres; NaN where the sensor returned none.
+        status: (n,) the sensor's own status codes; 0 is good.
+        module: (n,) indices of the modules in the sensor's `tip_T_module`.
 
     Raises:
         Malformed, InvalidInput, TooLarge: see the message.

@@ -17,8 +17,8 @@ class Trajectory:
     """Timed tip poses.
 
     Attributes:
-        t: (n,) s, strictly increasing, n >= 1.
-        base_T_tip: (n, 4, 4).
+        t: (n,) times in seconds, strictly increasing, n >= 1.
+        base_T_tip: (n, 4, 4) poses of the tip in base, translation in metres; the tip frame has z along the beam.
     """
 
     t: Array

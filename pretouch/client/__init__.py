@@ -1,4 +1,4 @@
-"""What a robot program imports: the orchestrator over REST and gRPC, synchronous and asynchronous.
+"""Clients of the orchestrator for robot programs: REST and gRPC, synchronous and asynchronous.
 
     with RestClient("http://127.0.0.1:8080") as client:
         session = client.create_session(SessionRequest(camera, base_T_camera), depth)
@@ -8,11 +8,12 @@
         if session.reason is not None:
             print(session.reason["detail"], session.reason["remedy"])
 
-All four clients have the same methods and raise the same errors, those of `pretouch.errors`.
+All four clients have the same methods and raise the errors of `pretouch.errors`. Metres, radians, seconds; `a_T_b` maps
+a point in b to a; the planned poses `base_T_tip` are those of the fingertip sensor, z along the beam.
 """
 
+from pretouch.client.api import SessionPage
 from pretouch.client.asynchronous import AsyncClient
-from pretouch.client.calls import SessionPage
 from pretouch.client.drive import drive, drive_async
 from pretouch.client.events import Event
 from pretouch.client.grpc import AsyncGrpcClient, GrpcClient

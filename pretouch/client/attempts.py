@@ -1,5 +1,5 @@
-"""How often and how long one call is tried. No call of this client does harm when it arrives twice, so all are tried
-again: reads change nothing, a scan is known by its id, a session's creation by its idempotency key."""
+"""The retry policy of one call. Every call is idempotent and can be retried: reads change nothing, a scan is identified
+by its id, and a session's creation by its idempotency key."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _RETRIES: Final = 5
 
 
 class Attempts:
-    """The tries of one call within `timeout` seconds: at most 6, with waits of 0.2 s to 2 s between them."""
+    """The attempts of one call within `timeout` seconds: at most 6, with delays of 0.2 s to 2 s between them."""
 
     def __init__(self, timeout: float) -> None:
         self._end = time.monotonic() + timeout
@@ -25,22 +25,22 @@ class Attempts:
         self._last: PretouchError | None = None
 
     def remaining(self) -> float:
-        """s until the call's timeout, at least a millisecond."""
+        """s left until the call's timeout, at least a millisecond."""
         return max(self._end - time.monotonic(), 1e-3)
 
     def delay_after(self, error: PretouchError) -> float:
-        """s to wait before the next try.
+        """s to wait before the next attempt.
 
         Raises:
-            PretouchError: `error` itself, if another try would be of no use or too late; where time ran out on a
-                further try, what was wrong with the one before.
+            PretouchError: `error` itself, if a retry cannot help or comes too late; if a retry ran out of time, the
+                error of the attempt before it.
         """
         if isinstance(error, DeadlineExceeded) and self._last is not None:
             raise self._last from error
         delay = self._backoff.next_delay()
         self._failed += 1
-        passing = isinstance(error, Unavailable | Overloaded)
-        if not passing or self._failed > _RETRIES or delay >= self.remaining():
+        transient = isinstance(error, Unavailable | Overloaded)
+        if not transient or self._failed > _RETRIES or delay >= self.remaining():
             raise error
         self._last = error
         return delay

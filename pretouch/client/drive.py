@@ -1,4 +1,4 @@
-"""The loop of a robot program: scan until the session ends."""
+"""The main loop of a robot program: scan until the session ends."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ def drive(
     """Scans until `session` ends.
 
     Args:
-        execute: moves the finger along the plan's path and says what it measured, or `Skipped`.
+        execute: moves the fingertip along the plan's path, poses `base_T_tip` with z along the beam, and returns
+            what it measured, or `Skipped` if the path cannot be followed.
 
     Yields:
-        The session as it stands, first as given, then after each scan; the last one has ended.
+        The session: first as given, then after each scan; the last one has ended.
     """
     yield session
     while session.next_scan is not None:

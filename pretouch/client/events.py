@@ -1,4 +1,4 @@
-"""A session's events, and how to follow them across broken connections."""
+"""A session's events, their decoding from `text/event-stream`, and how far a listener has come."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pretouch.client.attempts import Attempts
 from pretouch.errors import Internal, PretouchError, Unavailable
 
 QUIET: Final = 45.0
-"""s without a sign of life on an event stream before the client asks whether the service is still there."""
+"""s without a byte on an event stream after which the client checks that the service still answers."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class Event:
     data: Any
 
     @staticmethod
-    def of(id: int, type: str, text: str) -> Event:
-        """From an event as it came, its data as JSON text."""
+    def parse(id: int, type: str, text: str) -> Event:
+        """Decodes an event whose data is JSON text."""
         try:
             return Event(id, type, json.loads(text))
         except ValueError as error:
@@ -38,14 +38,14 @@ class Event:
 
 
 class ServerSentEvents:
-    """Cuts the bytes of a `text/event-stream` into events."""
+    """An incremental parser of `text/event-stream`."""
 
     def __init__(self) -> None:
         self._rest = b""
         self._fields: dict[str, str] = {}
 
     def feed(self, chunk: bytes) -> Iterator[Event]:
-        """The events that `chunk` completes."""
+        """Yields the events that `chunk` completes."""
         *lines, self._rest = (self._rest + chunk).split(b"\n")
         for line in lines:
             name, _, value = line.decode().removesuffix("\r").partition(":")
@@ -54,20 +54,20 @@ class ServerSentEvents:
                 known = self._fields.get(name)
                 self._fields[name] = f"{known}\n{value}" if known is not None and name == "data" else value
             elif not line.strip():
-                yield from self._event()
+                yield from self._flush()
 
-    def _event(self) -> Iterator[Event]:
+    def _flush(self) -> Iterator[Event]:
         fields, self._fields = self._fields, {}
         if "data" in fields and fields.get("id", "").isdigit():
-            yield Event.of(int(fields["id"]), fields.get("event", "message"), fields["data"])
+            yield Event.parse(int(fields["id"]), fields.get("event", "message"), fields["data"])
 
 
-class Progress:
-    """How far a listener has come: where to resume, and whether there is more.
+class StreamProgress:
+    """How far a listener has come: where to resume, and whether the session has ended.
 
     Attributes:
-        after: id of the last event that came.
-        ended: the session's last event came.
+        after: id of the last event received.
+        ended: whether that was the session's last event.
     """
 
     def __init__(self, after: int, timeout: float) -> None:
@@ -76,16 +76,16 @@ class Progress:
         self._timeout = timeout
         self._attempts = Attempts(timeout)
 
-    def note(self, event: Event) -> None:
+    def record(self, event: Event) -> None:
         self.after = event.id
         self.ended = event.type == "end"
         self._attempts = Attempts(self._timeout)
 
     def delay_after(self, error: PretouchError) -> float:
-        """s before the next connection; raises `error` after too many in vain."""
+        """s to wait before reconnecting; raises `error` after too many failed attempts."""
         return self._attempts.delay_after(error)
 
 
-def broken_off() -> Unavailable:
-    """A stream that closed before the session's last event."""
+def stream_broken() -> Unavailable:
+    """The error of a stream that closed before the session's last event."""
     return Unavailable("The event stream broke off.", "Listen again from the last event's id.")

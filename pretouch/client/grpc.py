@@ -1,4 +1,4 @@
-"""The orchestrator over gRPC."""
+"""The gRPC clients, synchronous and asynchronous."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import grpc.aio
 from pretouch.channel import open_channel, open_sync_channel
 from pretouch.client.asynchronous import AsyncClient
 from pretouch.client.events import QUIET, Event
-from pretouch.client.grpc_calls import GrpcCalls, RpcMessage
+from pretouch.client.grpc_api import GrpcSessionApi, RpcMessage
 from pretouch.client.synchronous import SyncClient
 from pretouch.errors import from_rpc_error
 from pretouch.v1 import orchestrator_pb2 as pb
@@ -23,19 +23,19 @@ GRPC_ADDRESS = "127.0.0.1:50050"
 TIMEOUT = 60.0
 
 
-def _path(path: str | PathLike[str] | None) -> Path | None:
+def _as_path(path: str | PathLike[str] | None) -> Path | None:
     return None if path is None else Path(path)
 
 
 class GrpcClient(SyncClient[RpcMessage, Any]):
-    """The orchestrator over gRPC.
+    """A synchronous client of the orchestrator over gRPC.
 
     Args:
         address: `host:port`.
-        token: the bearer token, where one is set.
-        tls_ca: PEM file of the authority to trust; without it the connection is not encrypted.
-        tls_cert, tls_key: PEM files of this client's own certificate, where the server asks for one.
-        timeout: s for a whole call, tries included.
+        token: the orchestrator's bearer token, if it requires one.
+        tls_ca: PEM file of the certificate authority to trust; left out: the connection is not encrypted.
+        tls_cert, tls_key: PEM files of this client's certificate, if the orchestrator requires one.
+        timeout: s for a whole call, retries included.
     """
 
     def __init__(
@@ -48,8 +48,8 @@ class GrpcClient(SyncClient[RpcMessage, Any]):
         tls_key: str | PathLike[str] | None = None,
         timeout: float = TIMEOUT,
     ) -> None:
-        super().__init__(GrpcCalls(), timeout)
-        self._channel = open_sync_channel(address, token, _path(tls_ca), _path(tls_cert), _path(tls_key))
+        super().__init__(GrpcSessionApi(), timeout)
+        self._channel = open_sync_channel(address, token, _as_path(tls_ca), _as_path(tls_cert), _as_path(tls_key))
         self._stub = OrchestratorServiceStub(self._channel)
 
     def close(self) -> None:
@@ -65,7 +65,7 @@ class GrpcClient(SyncClient[RpcMessage, Any]):
         call = self._stub.StreamEvents(pb.StreamEventsRequest(session_id=session_id, after=after), timeout=QUIET)
         try:
             for message in call:
-                yield Event.of(message.id, message.type, message.data)
+                yield Event.parse(message.id, message.type, message.data)
         except grpc.RpcError as error:
             raise from_rpc_error(error) from error
         finally:
@@ -73,7 +73,10 @@ class GrpcClient(SyncClient[RpcMessage, Any]):
 
 
 class AsyncGrpcClient(AsyncClient[RpcMessage, Any]):
-    """As `GrpcClient`, for asyncio; make it where the event loop runs."""
+    """An asynchronous client of the orchestrator over gRPC; arguments as for `GrpcClient`.
+
+    Create it in the event loop that it is used in.
+    """
 
     def __init__(
         self,
@@ -85,8 +88,8 @@ class AsyncGrpcClient(AsyncClient[RpcMessage, Any]):
         tls_key: str | PathLike[str] | None = None,
         timeout: float = TIMEOUT,
     ) -> None:
-        super().__init__(GrpcCalls(), timeout)
-        self._channel = open_channel(address, token, _path(tls_ca), _path(tls_cert), _path(tls_key))
+        super().__init__(GrpcSessionApi(), timeout)
+        self._channel = open_channel(address, token, _as_path(tls_ca), _as_path(tls_cert), _as_path(tls_key))
         self._stub = OrchestratorServiceStub(self._channel)
 
     async def close(self) -> None:
@@ -102,7 +105,7 @@ class AsyncGrpcClient(AsyncClient[RpcMessage, Any]):
         call = self._stub.StreamEvents(pb.StreamEventsRequest(session_id=session_id, after=after), timeout=QUIET)
         try:
             async for message in call:
-                yield Event.of(message.id, message.type, message.data)
+                yield Event.parse(message.id, message.type, message.data)
         except grpc.RpcError as error:
             raise from_rpc_error(error) from error
         finally:

@@ -1,4 +1,4 @@
-"""Depth images and masks as a robot program has them, as files for REST and as arrays for gRPC."""
+"""Converts the depth images and masks that a robot program has to files for REST and to arrays for gRPC."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ImageLike = NDArray[Any] | bytes | str | PathLike[str]
 _NPY = "application/x-npy"
 
 
-def depth_file(depth: ImageLike) -> tuple[bytes, str]:
+def encode_depth(depth: ImageLike) -> tuple[bytes, str]:
     """A file's bytes and its media type: uint16 arrays become a 16-bit PNG, float32 arrays an .npy file."""
     if not isinstance(depth, np.ndarray):
         data = _read(depth)
@@ -29,17 +29,17 @@ def depth_file(depth: ImageLike) -> tuple[bytes, str]:
     return (_png(values), "image/png") if values.dtype == np.uint16 else (_npy(values), _NPY)
 
 
-def depth_values(depth: ImageLike) -> NDArray[np.generic]:
+def load_depth(depth: ImageLike) -> NDArray[np.generic]:
     """Stored values (h, w), uint16 or float32."""
     return _depth_array(depth) if isinstance(depth, np.ndarray) else decode_depth(_read(depth))
 
 
-def mask_file(mask: ImageLike) -> tuple[bytes, str]:
+def encode_mask(mask: ImageLike) -> tuple[bytes, str]:
     """A PNG's bytes and media type, non-zero on the object."""
     return (_png(_mask_array(mask)) if isinstance(mask, np.ndarray) else _read(mask)), "image/png"
 
 
-def mask_values(mask: ImageLike) -> NDArray[np.uint8]:
+def load_mask(mask: ImageLike) -> NDArray[np.uint8]:
     """(h, w), 255 on the object, else 0."""
     return _mask_array(mask if isinstance(mask, np.ndarray) else decode_png(_read(mask), "mask"))
 

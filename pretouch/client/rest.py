@@ -1,4 +1,4 @@
-"""The orchestrator over REST."""
+"""The REST clients, synchronous and asynchronous."""
 
 from __future__ import annotations
 
@@ -12,7 +12,13 @@ import httpx
 
 from pretouch.client.asynchronous import AsyncClient
 from pretouch.client.events import QUIET, Event, ServerSentEvents
-from pretouch.client.rest_calls import HttpMessage, RestCalls, refuse_errors, session_path, unreachable
+from pretouch.client.rest_api import (
+    HttpMessage,
+    RestSessionApi,
+    convert_transport_error,
+    raise_for_problem,
+    session_path,
+)
 from pretouch.client.synchronous import SyncClient
 from pretouch.errors import InvalidInput
 
@@ -20,14 +26,14 @@ REST_ADDRESS = "http://127.0.0.1:8080"
 TIMEOUT = 60.0
 
 
-def _options(
+def _make_options(
     base_url: str,
     token: str | None,
     tls_ca: str | PathLike[str] | None,
     tls_cert: str | PathLike[str] | None,
     tls_key: str | PathLike[str] | None,
 ) -> dict[str, Any]:
-    """Arguments of both httpx clients. Proxies of the environment are left alone: a robot talks to its own network."""
+    """Arguments of both httpx clients. Proxy settings of the environment are ignored: robots are on a local network."""
     if urlsplit(base_url).scheme not in ("http", "https"):
         raise InvalidInput(f"{base_url!r} is not an HTTP address.", f"Give a URL such as {REST_ADDRESS}.")
     options: dict[str, Any] = {"base_url": base_url, "trust_env": False}
@@ -43,21 +49,21 @@ def _options(
     return options
 
 
-def _event_stream(session_id: str, after: int, timeout: float) -> dict[str, Any]:
+def _build_event_request(session_id: str, after: int, timeout: float) -> dict[str, Any]:
     headers = {"Accept": "text/event-stream"} | ({"Last-Event-ID": str(after)} if after else {})
     url = session_path(session_id) + "/events"
     return {"method": "GET", "url": url, "headers": headers, "timeout": httpx.Timeout(timeout, read=QUIET)}
 
 
 class RestClient(SyncClient[HttpMessage, httpx.Response]):
-    """The orchestrator over REST.
+    """A synchronous client of the orchestrator over REST.
 
     Args:
-        base_url: `http://host:port`, or `https://` where it serves TLS.
-        token: the bearer token, where one is set.
-        tls_ca: PEM file of the authority to trust; the system's are trusted without it.
-        tls_cert, tls_key: PEM files of this client's own certificate, where the server asks for one.
-        timeout: s for a whole call, tries included.
+        base_url: `http://host:port`, or `https://host:port` if the orchestrator serves TLS.
+        token: the orchestrator's bearer token, if it requires one.
+        tls_ca: PEM file of the certificate authority to trust; left out: those of the system.
+        tls_cert, tls_key: PEM files of this client's certificate, if the orchestrator requires one.
+        timeout: s for a whole call, retries included.
     """
 
     def __init__(
@@ -70,9 +76,9 @@ class RestClient(SyncClient[HttpMessage, httpx.Response]):
         tls_key: str | PathLike[str] | None = None,
         timeout: float = TIMEOUT,
     ) -> None:
-        super().__init__(RestCalls(), timeout)
+        super().__init__(RestSessionApi(), timeout)
         self._base_url = base_url
-        self._http = httpx.Client(**_options(base_url, token, tls_ca, tls_cert, tls_key))
+        self._http = httpx.Client(**_make_options(base_url, token, tls_ca, tls_cert, tls_key))
 
     def close(self) -> None:
         self._http.close()
@@ -81,23 +87,23 @@ class RestClient(SyncClient[HttpMessage, httpx.Response]):
         try:
             return self._http.request(message.method, message.path, timeout=seconds, **message.options)
         except httpx.TransportError as error:
-            raise unreachable(error, self._base_url) from error
+            raise convert_transport_error(error, self._base_url) from error
 
     def _listen(self, session_id: str, after: int) -> Iterator[Event]:
         parser = ServerSentEvents()
         try:
-            with self._http.stream(**_event_stream(session_id, after, self._timeout)) as response:
+            with self._http.stream(**_build_event_request(session_id, after, self._timeout)) as response:
                 if response.is_error:
                     response.read()
-                    refuse_errors(response)
+                    raise_for_problem(response)
                 for chunk in response.iter_bytes():
                     yield from parser.feed(chunk)
         except httpx.TransportError as error:
-            raise unreachable(error, self._base_url) from error
+            raise convert_transport_error(error, self._base_url) from error
 
 
 class AsyncRestClient(AsyncClient[HttpMessage, httpx.Response]):
-    """As `RestClient`, for asyncio."""
+    """An asynchronous client of the orchestrator over REST; arguments as for `RestClient`."""
 
     def __init__(
         self,
@@ -109,9 +115,9 @@ class AsyncRestClient(AsyncClient[HttpMessage, httpx.Response]):
         tls_key: str | PathLike[str] | None = None,
         timeout: float = TIMEOUT,
     ) -> None:
-        super().__init__(RestCalls(), timeout)
+        super().__init__(RestSessionApi(), timeout)
         self._base_url = base_url
-        self._http = httpx.AsyncClient(**_options(base_url, token, tls_ca, tls_cert, tls_key))
+        self._http = httpx.AsyncClient(**_make_options(base_url, token, tls_ca, tls_cert, tls_key))
 
     async def close(self) -> None:
         await self._http.aclose()
@@ -120,17 +126,17 @@ class AsyncRestClient(AsyncClient[HttpMessage, httpx.Response]):
         try:
             return await self._http.request(message.method, message.path, timeout=seconds, **message.options)
         except httpx.TransportError as error:
-            raise unreachable(error, self._base_url) from error
+            raise convert_transport_error(error, self._base_url) from error
 
     async def _listen(self, session_id: str, after: int) -> AsyncGenerator[Event]:
         parser = ServerSentEvents()
         try:
-            async with self._http.stream(**_event_stream(session_id, after, self._timeout)) as response:
+            async with self._http.stream(**_build_event_request(session_id, after, self._timeout)) as response:
                 if response.is_error:
                     await response.aread()
-                    refuse_errors(response)
+                    raise_for_problem(response)
                 async for chunk in response.aiter_bytes():
                     for event in parser.feed(chunk):
                         yield event
         except httpx.TransportError as error:
-            raise unreachable(error, self._base_url) from error
+            raise convert_transport_error(error, self._base_url) from error

@@ -1,4 +1,4 @@
-"""What the synchronous clients have in common."""
+"""The base class of the synchronous clients: every method, with retries; REST and gRPC add how messages are sent."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import Generic, Self
 
+from pretouch.client.api import AnswerT, Call, MessageT, ResultT, SessionApi, SessionPage
 from pretouch.client.attempts import Attempts
-from pretouch.client.calls import A, Call, Calls, Q, SessionPage, T
-from pretouch.client.events import Event, Progress, broken_off
+from pretouch.client.events import Event, StreamProgress, stream_broken
 from pretouch.client.images import ImageLike
 from pretouch.errors import DeadlineExceeded, PretouchError
 from pretouch.session import ScanPlan, Session, SessionRequest, Submission
 
 
-class SyncClient(ABC, Generic[Q, A]):
+class SyncClient(ABC, Generic[MessageT, AnswerT]):
     """A client of the orchestrator; use it in a `with` block.
 
-    Every method takes a `timeout` in seconds for the whole call, retries included. Every method raises the
-    tree of `pretouch.errors`.
+    Every method takes a `timeout` in seconds for the whole call, retries included, and raises the errors of
+    `pretouch.errors`.
     """
 
-    def __init__(self, calls: Calls[Q, A], timeout: float) -> None:
-        self._calls = calls
+    def __init__(self, api: SessionApi[MessageT, AnswerT], timeout: float) -> None:
+        self._api = api
         self._timeout = timeout
 
     def __enter__(self) -> Self:
@@ -45,25 +45,25 @@ class SyncClient(ABC, Generic[Q, A]):
         *,
         timeout: float | None = None,
     ) -> Session:
-        """Opens a session for one object.
+        """Creates a session for one object.
 
         Args:
             depth: stored values (h, w) of uint16 or float32; or a 16-bit PNG or an .npy file, as bytes or path.
             mask: (h, w), non-zero on the object; or a PNG file. Left out: the object is found on the table.
-            idempotency_key: the same key again answers the same session.
+            idempotency_key: a repeated key returns the session that the first call created.
         """
-        return self._run(self._calls.create_session(request, depth, mask, idempotency_key), timeout)
+        return self._run(self._api.create_session(request, depth, mask, idempotency_key), timeout)
 
     def session(self, session_id: str, *, timeout: float | None = None) -> Session:
-        """Where a session stands."""
-        return self._run(self._calls.session(session_id), timeout)
+        """Returns the present state of a session."""
+        return self._run(self._api.session(session_id), timeout)
 
     def sessions(self, limit: int = 50, cursor: str = "", *, timeout: float | None = None) -> SessionPage:
-        """A page of sessions, the newest first."""
-        return self._run(self._calls.sessions(limit, cursor), timeout)
+        """Returns a page of sessions, the newest first."""
+        return self._run(self._api.sessions(limit, cursor), timeout)
 
     def all_sessions(self, *, timeout: float | None = None) -> Iterator[Session]:
-        """Every session, the newest first, page by page."""
+        """Yields every session, the newest first, page by page."""
         cursor, more = "", True
         while more:
             page = self.sessions(cursor=cursor, timeout=timeout)
@@ -71,40 +71,40 @@ class SyncClient(ABC, Generic[Q, A]):
             cursor, more = page.next, bool(page.next)
 
     def next_scan(self, session_id: str, *, timeout: float | None = None) -> ScanPlan:
-        """The scan that the session waits for; `Conflict` when there is none."""
-        return self._run(self._calls.next_scan(session_id), timeout)
+        """Returns the plan of the next scan; raises `Conflict` if there is none."""
+        return self._run(self._api.next_scan(session_id), timeout)
 
     def submit(self, session_id: str, scan_id: str, submission: Submission, *, timeout: float | None = None) -> Session:
-        """Says what came of a planned scan. The same scan again changes nothing and answers the present session."""
-        return self._run(self._calls.submit(session_id, scan_id, submission), timeout)
+        """Submits the result of a planned scan. Repeating a scan changes nothing and returns the present session."""
+        return self._run(self._api.submit(session_id, scan_id, submission), timeout)
 
     def cancel(self, session_id: str, *, timeout: float | None = None) -> None:
-        """Ends a session; one that has ended keeps its state."""
-        self._run(self._calls.cancel(session_id), timeout)
+        """Cancels a session; one that has ended keeps its state."""
+        self._run(self._api.cancel(session_id), timeout)
 
     def events(self, session_id: str, after: int = 0) -> Iterator[Event]:
-        """The session's events after the id `after`, each once, until its end; broken connections are resumed.
+        """Yields the session's events after the id `after`, each once, until its end; broken streams are resumed.
 
-        The client's timeout bounds the tries to connect again, not the time between events.
+        The client's timeout limits the attempts to reconnect, not the time between events.
         """
-        progress = Progress(after, self._timeout)
+        progress = StreamProgress(after, self._timeout)
         while not progress.ended:
             start = progress.after
             try:
                 for event in self._listen(session_id, progress.after):
-                    progress.note(event)
+                    progress.record(event)
                     yield event
                     if progress.ended:
                         return
                 if progress.after == start and self.session(session_id).state.ended:
                     return
-                raise broken_off()
+                raise stream_broken()
             except DeadlineExceeded:
                 self.session(session_id)
             except PretouchError as error:
                 time.sleep(progress.delay_after(error))
 
-    def _run(self, call: Call[Q, A, T], timeout: float | None) -> T:
+    def _run(self, call: Call[MessageT, AnswerT, ResultT], timeout: float | None) -> ResultT:
         attempts = Attempts(timeout or self._timeout)
         while True:
             try:
@@ -113,9 +113,9 @@ class SyncClient(ABC, Generic[Q, A]):
                 time.sleep(attempts.delay_after(error))
 
     @abstractmethod
-    def _send(self, message: Q, seconds: float) -> A:
-        """One try, answered within `seconds`."""
+    def _send(self, message: MessageT, seconds: float) -> AnswerT:
+        """Sends one message and returns its answer within `seconds`."""
 
     @abstractmethod
     def _listen(self, session_id: str, after: int) -> Iterator[Event]:
-        """One connection's events; `DeadlineExceeded` when it stays quiet."""
+        """Yields the events of one connection; raises `DeadlineExceeded` after `QUIET` seconds without one."""

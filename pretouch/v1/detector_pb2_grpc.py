@@ -26,7 +26,7 @@ if _version_not_supported:
 
 
 class DetectorServiceStub:
-    """Proposes rotated rectangles in a depth image whose perimeters are worth scanning. Holds no state.
+    """Proposes rotated rectangles in a depth image. It holds no state.
     """
 
     def __init__(self, channel):
@@ -48,18 +48,18 @@ class DetectorServiceStub:
 
 
 class DetectorServiceServicer:
-    """Proposes rotated rectangles in a depth image whose perimeters are worth scanning. Holds no state.
+    """Proposes rotated rectangles in a depth image. It holds no state.
     """
 
     def Propose(self, request, context):
-        """Regions for one scene, the best first.
+        """Proposes regions for one scene, the best first.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ListProposers(self, request, context):
-        """Which proposers there are, the best first, and which are ready.
+        """Lists the proposers, the best first, and says which are ready.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -87,7 +87,7 @@ def add_DetectorServiceServicer_to_server(servicer, server):
 
  # This class is part of an EXPERIMENTAL API.
 class DetectorService:
-    """Proposes rotated rectangles in a depth image whose perimeters are worth scanning. Holds no state.
+    """Proposes rotated rectangles in a depth image. It holds no state.
     """
 
     @staticmethod

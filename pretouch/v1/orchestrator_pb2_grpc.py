@@ -77,49 +77,50 @@ class OrchestratorServiceServicer:
     """
 
     def CreateSession(self, request, context):
-        """Opens a session for one object in one depth image.
+        """Creates a session for one object in one depth image.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def GetSession(self, request, context):
-        """Where a session stands.
+        """Returns the present state of a session.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ListSessions(self, request, context):
-        """Sessions, the newest first, in pages.
+        """Lists sessions, the newest first, in pages.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def SubmitScan(self, request, context):
-        """What a scan measured; answers the session with its next plan. The same scan id again answers the present session.
+        """Takes the result of a scan and returns the session with its next plan. Repeating a scan returns the present
+        session.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def CancelSession(self, request, context):
-        """Ends a session; an ended one keeps its state.
+        """Cancels a session; one that has ended keeps its state.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def StreamEvents(self, request, context):
-        """The session's events from its start or from after an id, until it ends.
+        """Streams the session's events, from its start or after an id, until it ends.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def RunSession(self, request_iterator, context):
-        """A whole session on one stream: `create` or `session_id` first, then scans; the session comes back after each.
+        """Runs a whole session on one stream: `create` or `session_id` first, then scans; each is answered with the session.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -26,7 +26,8 @@ if _version_not_supported:
 
 
 class RegistrarServiceStub:
-    """Holds no session state; it keeps the models of recent scenes by content hash and builds those that it lacks.
+    """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
+    hash.
     """
 
     def __init__(self, channel):
@@ -53,25 +54,26 @@ class RegistrarServiceStub:
 
 
 class RegistrarServiceServicer:
-    """Holds no session state; it keeps the models of recent scenes by content hash and builds those that it lacks.
+    """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
+    hash.
     """
 
     def Register(self, request, context):
-        """One answer from a scene and all scans so far.
+        """Estimates the correction from a target and all scans so far.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def RegisterStream(self, request_iterator, context):
-        """The scene once, in chunks, then scans one by one; an estimate after each, from all scans so far.
+        """Takes the target once, in chunks, then scans one by one; answers each scan with an estimate from all scans so far.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def PredictScans(self, request, context):
-        """The expected error after each candidate scan, given the scans so far.
+        """Predicts the expected error after each candidate scan, given the scans so far.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -104,7 +106,8 @@ def add_RegistrarServiceServicer_to_server(servicer, server):
 
  # This class is part of an EXPERIMENTAL API.
 class RegistrarService:
-    """Holds no session state; it keeps the models of recent scenes by content hash and builds those that it lacks.
+    """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
+    hash.
     """
 
     @staticmethod

@@ -26,7 +26,7 @@ if _version_not_supported:
 
 
 class SensorGatewayServiceStub:
-    """Streams range samples, and points once it knows where the tip was.
+    """Streams ranges, and points where it knows the pose of the tip.
     """
 
     def __init__(self, channel):
@@ -68,46 +68,47 @@ class SensorGatewayServiceStub:
 
 
 class SensorGatewayServiceServicer:
-    """Streams range samples, and points once it knows where the tip was.
+    """Streams ranges, and points where it knows the pose of the tip.
     """
 
     def ListDevices(self, request, context):
-        """The devices that the gateway was started with, and how each fares.
+        """Lists the devices that the gateway was started with, and the state of each.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def GetStatus(self, request, context):
-        """All that the gateway knows about one device: counts, clock, modules, recording.
+        """Returns all that is known about one device: counts, clock, modules, recording.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def Configure(self, request, context):
-        """Changes how a device is understood, until the gateway ends; what is left out stays as it is.
+        """Changes the configuration of a device until the gateway ends; what is left out stays as it is.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def StreamRanges(self, request, context):
-        """Ranges as they come, calibrated and raw.
+        """Streams ranges as they arrive, calibrated and raw.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def StreamPoints(self, request_iterator, context):
-        """Tip poses in, samples with interpolated poses and points in base out. The first message names the device.
+        """Takes tip poses and streams samples with interpolated tip poses, and points in base. The first message names the
+        device.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def GetSamples(self, request, context):
-        """Fused samples of a past span of time, from the poses that StreamPoints was given.
+        """Returns the samples of a past span of time, with the tip poses that StreamPoints was given.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -155,7 +156,7 @@ def add_SensorGatewayServiceServicer_to_server(servicer, server):
 
  # This class is part of an EXPERIMENTAL API.
 class SensorGatewayService:
-    """Streams range samples, and points once it knows where the tip was.
+    """Streams ranges, and points where it knows the pose of the tip.
     """
 
     @staticmethod

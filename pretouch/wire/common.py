@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import is_dataclass
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import numpy as np
+from google.protobuf.message import Message
 from numpy.typing import NDArray
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
-from pretouch.estimate import Estimate, Mode, Prior, WeakDirection
+from pretouch.estimate import Estimate, Prior
 from pretouch.geometry import Plane, Pose
 from pretouch.mesh_target import MeshTarget
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import RangeSamples, Scan, Sensor
 from pretouch.v1 import common_pb2 as pb
+from pretouch.wire.contract import contract_fields
 
 _DTYPES: dict[pb.ScalarType.ValueType, np.dtype[Any]] = {
     pb.SCALAR_TYPE_UINT8: np.dtype("u1"),
@@ -25,6 +28,7 @@ _DTYPES: dict[pb.ScalarType.ValueType, np.dtype[Any]] = {
     pb.SCALAR_TYPE_FLOAT64: np.dtype("<f8"),
     pb.SCALAR_TYPE_UINT32: np.dtype("<u4"),
 }
+_Owner = TypeVar("_Owner")
 _NAMED = {dtype.str[1:]: (dtype, number) for number, dtype in _DTYPES.items()}
 
 
@@ -63,48 +67,74 @@ def pose_from_proto(message: pb.Pose, name: str) -> Pose:
     return Pose(np.reshape(message.matrix, (4, 4)))
 
 
-def camera_to_proto(camera: Camera) -> pb.Camera:
-    return pb.Camera(fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy)
+def contract_to_proto(value: Any) -> dict[str, Any]:
+    """The fields of the message of a contract type, for the message's constructor: see `pretouch.wire.contract`."""
+    return {field.name.lower(): _value_to_proto(getattr(value, field.name)) for field in contract_fields(type(value))}
 
 
-def camera_from_proto(message: pb.Camera) -> Camera:
-    return Camera(message.fx, message.fy, message.cx, message.cy)
+def contract_from_proto(message: Message, owner: type[_Owner], path: str) -> _Owner:
+    """The contract type `owner` from its message; fields left out take their defaults. `path` names it in errors.
+
+    Raises:
+        InvalidInput: a missing field, a wrong number of numbers, a value out of its limits.
+        Malformed: a number that is not finite.
+    """
+    given: dict[str, Any] = {}
+    for field in contract_fields(owner):
+        name = field.name.lower()
+        value = getattr(message, name)
+        descriptor = message.DESCRIPTOR.fields_by_name[name]
+        if message.HasField(name) if descriptor.has_presence else value or field.required:
+            given[field.name] = _value_from_proto(value, field.type, f"{path}.{name}")
+        elif field.required:
+            raise InvalidInput(f"{path}.{name} is missing.", f"Send {path}.{name}.")
+    return owner(**given)
 
 
-def plane_to_proto(plane: Plane) -> pb.Plane:
-    return pb.Plane(normal=plane.normal, offset=plane.offset)
+def _value_to_proto(value: Any) -> Any:
+    match value:
+        case Pose():
+            return pose_to_proto(value)
+        case np.ndarray():
+            return value.ravel()
+        case tuple():
+            return [_value_to_proto(item) for item in value]
+        case _:
+            return contract_to_proto(value) if is_dataclass(value) else value
 
 
-def plane_from_proto(message: pb.Plane) -> Plane:
-    return Plane(np.array(message.normal), message.offset)
-
-
-def rectangle_to_proto(rectangle: RotatedRectangle) -> pb.Rectangle:
-    return pb.Rectangle(x=rectangle.x, y=rectangle.y, w=rectangle.w, h=rectangle.h, theta=rectangle.theta)
-
-
-def rectangle_from_proto(message: pb.Rectangle) -> RotatedRectangle:
-    return RotatedRectangle(message.x, message.y, message.w, message.h, message.theta)
+def _value_from_proto(value: Any, wanted: Any, path: str) -> Any:
+    if get_origin(wanted) is tuple:
+        return tuple(_value_from_proto(item, get_args(wanted)[0], f"{path}[{k}]") for k, item in enumerate(value))
+    if get_origin(wanted) is Annotated:
+        shape = wanted.__metadata__[0]
+        count = math.prod(shape)
+        if len(value) != count:
+            raise InvalidInput(f"{path} has {len(value)} numbers, not {count}.", f"Send {count} numbers for {path}.")
+        return np.reshape(value, shape)
+    if wanted is Pose:
+        return pose_from_proto(value, path)
+    return contract_from_proto(value, wanted, path) if isinstance(wanted, type) and is_dataclass(wanted) else value
 
 
 def scene_to_proto(scene: Scene) -> pb.Scene:
     return pb.Scene(
         depth=array_to_proto(scene.depth.metres, "f4"),
         depth_scale=1.0,
-        camera=camera_to_proto(scene.camera),
+        camera=pb.Camera(**contract_to_proto(scene.camera)),
         base_t_camera=pose_to_proto(scene.base_T_camera),
         mask=array_to_proto(scene.mask, "u1"),
-        table=plane_to_proto(scene.table),
+        table=pb.Plane(**contract_to_proto(scene.table)),
     )
 
 
 def scene_from_proto(message: pb.Scene) -> Scene:
     return Scene(
         DepthImage.from_values(array_from_proto(message.depth, "scene.depth"), message.depth_scale),
-        camera_from_proto(message.camera),
+        contract_from_proto(message.camera, Camera, "scene.camera"),
         pose_from_proto(message.base_t_camera, "scene.base_t_camera"),
         array_from_proto(message.mask, "scene.mask") != 0,
-        plane_from_proto(message.table),
+        contract_from_proto(message.table, Plane, "scene.table"),
     )
 
 
@@ -113,7 +143,7 @@ def mesh_to_proto(mesh: MeshTarget) -> pb.MeshTarget:
         vertices=array_to_proto(mesh.vertices, "f4"),
         faces=array_to_proto(mesh.faces, "u4"),
         base_t_object=pose_to_proto(mesh.base_T_object),
-        table=plane_to_proto(mesh.table),
+        table=pb.Plane(**contract_to_proto(mesh.table)),
     )
 
 
@@ -122,35 +152,40 @@ def mesh_from_proto(message: pb.MeshTarget) -> MeshTarget:
         array_from_proto(message.vertices, "mesh.vertices"),
         array_from_proto(message.faces, "mesh.faces"),
         pose_from_proto(message.base_t_object, "mesh.base_t_object"),
-        plane_from_proto(message.table),
+        contract_from_proto(message.table, Plane, "mesh.table"),
     )
+
+
+def rectangle_to_proto(rectangle: RotatedRectangle) -> pb.Rectangle:
+    return pb.Rectangle(**contract_to_proto(rectangle))
+
+
+def rectangle_from_proto(message: pb.Rectangle) -> RotatedRectangle:
+    return contract_from_proto(message, RotatedRectangle, "rectangle")
 
 
 def sensor_to_proto(sensor: Sensor) -> pb.Sensor:
-    return pb.Sensor(
-        range_min=sensor.range_min,
-        range_max=sensor.range_max,
-        range_std=sensor.range_std,
-        beam_half_angle=sensor.beam_half_angle,
-        rate=sensor.rate,
-        tip_t_module=[pose_to_proto(pose) for pose in sensor.tip_T_module],
-    )
+    return pb.Sensor(**contract_to_proto(sensor))
 
 
 def sensor_from_proto(message: pb.Sensor) -> Sensor:
-    """Numbers that the message leaves out take the defaults of `Sensor`."""
-    given = {field.name: value for field, value in message.ListFields() if field.name != "tip_t_module"}
-    modules = tuple(pose_from_proto(pose, "sensor.tip_t_module") for pose in message.tip_t_module)
-    return Sensor(**given, tip_T_module=modules or (Pose.identity(),))
+    return contract_from_proto(message, Sensor, "sensor")
 
 
 def prior_to_proto(prior: Prior) -> pb.Prior:
-    return pb.Prior(translation_std=prior.translation_std, rotation_std=prior.rotation_std)
+    return pb.Prior(**contract_to_proto(prior))
 
 
 def prior_from_proto(message: pb.Prior) -> Prior:
-    """Numbers that the message leaves out take the defaults of `Prior`."""
-    return Prior(**{field.name: value for field, value in message.ListFields()})
+    return contract_from_proto(message, Prior, "prior")
+
+
+def estimate_to_proto(estimate: Estimate) -> pb.Estimate:
+    return pb.Estimate(**contract_to_proto(estimate))
+
+
+def estimate_from_proto(message: pb.Estimate) -> Estimate:
+    return contract_from_proto(message, Estimate, "estimate")
 
 
 def scan_to_proto(scan: Scan) -> pb.Scan:
@@ -186,48 +221,4 @@ def samples_from_proto(message: pb.Samples) -> RangeSamples:
         array_from_proto(message.range, "samples.range"),
         array_from_proto(message.status, "samples.status"),
         array_from_proto(message.module, "samples.module"),
-    )
-
-
-def estimate_to_proto(estimate: Estimate) -> pb.Estimate:
-    return pb.Estimate(
-        base_t_correction=pose_to_proto(estimate.base_T_correction),
-        centroid=estimate.centroid,
-        covariance=estimate.covariance.ravel(),
-        expected_error=estimate.expected_error,
-        error_quantile=estimate.error_quantile,
-        unobservable=[
-            pb.WeakDirection(direction=weak.direction, std=weak.std, text=weak.text) for weak in estimate.unobservable
-        ],
-        inliers=estimate.inliers,
-        samples=estimate.samples,
-        rmse=estimate.rmse,
-        modes=[
-            pb.Mode(base_t_correction=pose_to_proto(mode.base_T_correction), weight=mode.weight)
-            for mode in estimate.modes
-        ],
-        fit=estimate.fit,
-        sensor_problem=estimate.sensor_problem,
-    )
-
-
-def estimate_from_proto(message: pb.Estimate) -> Estimate:
-    return Estimate(
-        base_T_correction=pose_from_proto(message.base_t_correction, "estimate.base_t_correction"),
-        centroid=np.array(message.centroid),
-        covariance=np.reshape(message.covariance, (6, 6)),
-        expected_error=message.expected_error,
-        error_quantile=message.error_quantile,
-        unobservable=tuple(
-            WeakDirection(np.array(weak.direction), weak.std, weak.text) for weak in message.unobservable
-        ),
-        inliers=message.inliers,
-        samples=message.samples,
-        rmse=message.rmse,
-        modes=tuple(
-            Mode(pose_from_proto(mode.base_t_correction, "estimate.modes.base_t_correction"), mode.weight)
-            for mode in message.modes
-        ),
-        fit=message.fit if message.HasField("fit") else 1.0,
-        sensor_problem=message.sensor_problem,
     )

@@ -69,6 +69,13 @@ def numbers(value: object, path: str, length: int) -> list[float]:
     return [number(item, f"{path}[{k}]") for k, item in enumerate(items(value, path, length))]
 
 
+def text(value: object, path: str) -> str:
+    """A string."""
+    if type(value) is not str:
+        raise InvalidInput(f"{path} is {kind(value)}, not a string.", f"Send {path} as a string.")
+    return value
+
+
 class Members:
     """The members of one JSON object.
 
@@ -124,22 +131,17 @@ class Members:
         return items(self.get(name), self.path(name))
 
     def text(self, name: str) -> str:
-        value = self.get(name)
-        if type(value) is not str:
-            raise InvalidInput(
-                f"{self.path(name)} is {kind(value)}, not a string.", f"Send {self.path(name)} as a string."
-            )
-        return value
+        return text(self.get(name), self.path(name))
 
     def members(self, name: str, known: tuple[str, ...] | None) -> Members:
         return Members(self.get(name), self.path(name), known)
 
+    def objects(self, name: str) -> list[Members]:
+        """A list of JSON objects, which may have any members."""
+        return [Members(item, f"{self.path(name)}[{k}]", None) for k, item in enumerate(self.items(name))]
+
     def pose(self, name: str) -> Pose:
         return pose(self.get(name), self.path(name))
-
-    def given_numbers(self, *names: str) -> dict[str, float]:
-        """Those of `names` that are there."""
-        return {name: self.number(name) for name in names if name in self}
 
 
 def pose(value: object, path: str) -> Pose:

@@ -9,7 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pretouch.camera import Camera
 from pretouch.errors import InvalidInput
+from pretouch.geometry import Plane
 from pretouch.session import (
     Budget,
     BudgetUsed,
@@ -54,15 +56,15 @@ def request_to_proto(
 ) -> pb.CreateSessionRequest:
     """Packs `request` with stored depth values (h, w), uint16 or float32, and a mask (h, w), non-zero on the object."""
     message = pb.CreateSessionRequest(
-        camera=common.camera_to_proto(request.camera),
+        camera=common_pb2.Camera(**common.contract_to_proto(request.camera)),
         depth_scale=request.depth_scale,
         base_t_camera=common.pose_to_proto(request.base_T_camera),
         depth=common.array_to_proto(depth, "u2" if depth.dtype == np.uint16 else "f4"),
         prior=common.prior_to_proto(request.prior),
-        tolerance=pb.Tolerance(error=request.tolerance.error, confidence=request.tolerance.confidence),
-        budget=pb.Budget(scans=request.budget.scans, seconds=request.budget.seconds, fraction=request.budget.fraction),
+        tolerance=pb.Tolerance(**common.contract_to_proto(request.tolerance)),
+        budget=pb.Budget(**common.contract_to_proto(request.budget)),
         sensor=common.sensor_to_proto(request.sensor),
-        scan=pb.ScanSettings(standoff=request.scan.standoff, speed=request.scan.speed),
+        scan=pb.ScanSettings(**common.contract_to_proto(request.scan)),
         proposer=request.proposer or "",
         planner=request.planner,
         idempotency_key=idempotency_key,
@@ -73,7 +75,7 @@ def request_to_proto(
         u0, v0, u1, v1 = request.roi
         message.roi.CopyFrom(pb.Roi(u0=u0, v0=v0, u1=u1, v1=v1))
     if request.table is not None:
-        message.table.CopyFrom(common.plane_to_proto(request.table))
+        message.table.CopyFrom(common_pb2.Plane(**common.contract_to_proto(request.table)))
     if request.base_T_object is not None:
         message.base_t_object.CopyFrom(common.pose_to_proto(request.base_T_object))
     return message
@@ -98,7 +100,7 @@ def request_from_proto(
         given["roi"] = (message.roi.u0, message.roi.v0, message.roi.u1, message.roi.v1)
     if message.HasField("table"):
         with at("table"):
-            given["table"] = common.plane_from_proto(message.table)
+            given["table"] = common.contract_from_proto(message.table, Plane, "table")
     if message.HasField("base_t_object"):
         with at("base_t_object"):
             given["base_T_object"] = common.pose_from_proto(message.base_t_object, "base_t_object")
@@ -109,22 +111,18 @@ def request_from_proto(
     with at("base_t_camera"):
         base_T_camera = common.pose_from_proto(message.base_t_camera, "base_t_camera")
     request = SessionRequest(
-        camera=common.camera_from_proto(message.camera),
+        camera=common.contract_from_proto(message.camera, Camera, "camera"),
         base_T_camera=base_T_camera,
         prior=common.prior_from_proto(message.prior),
-        tolerance=Tolerance(**_set_fields(message.tolerance)),
-        budget=Budget(**_set_fields(message.budget)),
+        tolerance=common.contract_from_proto(message.tolerance, Tolerance, "tolerance"),
+        budget=common.contract_from_proto(message.budget, Budget, "budget"),
         sensor=common.sensor_from_proto(message.sensor),
-        scan=ScanSettings(**_set_fields(message.scan)),
+        scan=common.contract_from_proto(message.scan, ScanSettings, "scan"),
         **given,
     )
     depth = common.array_from_proto(message.depth, "depth")
     mask = common.array_from_proto(message.mask, "mask") != 0 if message.HasField("mask") else None
     return request, depth, mask
-
-
-def _set_fields(message: pb.Tolerance | pb.Budget | pb.ScanSettings) -> dict[str, Any]:
-    return {field.name: value for field, value in message.ListFields()}
 
 
 def _choice(value: str, name: str, kind: type[_Choice]) -> _Choice:
@@ -160,33 +158,10 @@ def session_to_proto(session: Session) -> pb.Session:
         reason="" if session.reason is None else json.dumps(session.reason),
         proposer=session.proposer,
         planner=session.planner,
-        regions=[
-            pb.Region(
-                id=region.id,
-                rectangle=common.rectangle_to_proto(region.rectangle),
-                confidence=region.confidence,
-                expected_error=region.expected_error,
-            )
-            for region in session.regions
-        ],
+        regions=[pb.Region(**common.contract_to_proto(region)) for region in session.regions],
         estimate=common.estimate_to_proto(session.estimate),
-        scans=[
-            pb.ScanSummary(
-                scan_id=scan.scan_id,
-                region_id=scan.region_id,
-                samples=scan.samples,
-                returns=scan.returns,
-                length=scan.length,
-                duration=scan.duration,
-                expected_error=scan.expected_error,
-            )
-            for scan in session.scans
-        ],
-        budget_used=pb.BudgetUsed(
-            scans=session.budget_used.scans,
-            seconds=session.budget_used.seconds,
-            fraction=session.budget_used.fraction,
-        ),
+        scans=[pb.ScanSummary(**common.contract_to_proto(scan)) for scan in session.scans],
+        budget_used=pb.BudgetUsed(**common.contract_to_proto(session.budget_used)),
     )
     if session.next_scan is not None:
         message.next_scan.CopyFrom(scan_plan_to_proto(session.next_scan))
@@ -209,30 +184,11 @@ def session_from_proto(message: pb.Session) -> Session:
         state=states[message.state],
         proposer=_choice(message.proposer, "proposer", Proposer),
         planner=_choice(message.planner, "planner", Planner),
-        regions=tuple(
-            Region(
-                region.id,
-                common.rectangle_from_proto(region.rectangle),
-                region.confidence,
-                region.expected_error,
-            )
-            for region in message.regions
-        ),
+        regions=tuple(common.contract_from_proto(region, Region, "region") for region in message.regions),
         estimate=common.estimate_from_proto(message.estimate),
         next_scan=scan_plan_from_proto(message.next_scan) if message.HasField("next_scan") else None,
-        scans=tuple(
-            ScanSummary(
-                scan_id=scan.scan_id,
-                region_id=scan.region_id,
-                samples=scan.samples,
-                returns=scan.returns,
-                length=scan.length,
-                duration=scan.duration,
-                expected_error=scan.expected_error,
-            )
-            for scan in message.scans
-        ),
-        budget_used=BudgetUsed(message.budget_used.scans, message.budget_used.seconds, message.budget_used.fraction),
+        scans=tuple(common.contract_from_proto(scan, ScanSummary, "scan") for scan in message.scans),
+        budget_used=common.contract_from_proto(message.budget_used, BudgetUsed, "budget_used"),
         base_T_object=common.pose_from_proto(message.base_t_object, "base_t_object")
         if message.HasField("base_t_object")
         else None,

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 import schemathesis
 from helpers.box_session import DEPTH, MASK, ROOMY, request
 from helpers.problems import TIMEOUT
 from helpers.processes import Orchestrator
+from helpers.scenes import Box, View, World
 from hypothesis import HealthCheck, given, settings
+from pretouch_orchestrator.rest import examples
 from schemathesis import GenerationMode
 from schemathesis.checks import CHECKS, load_all_checks, response_schema_conformance
 from schemathesis.transport.serialization import Binary
 
 from pretouch.client import RestClient
-from pretouch.client.images import depth_file, mask_file
+from pretouch.client.images import encode_depth, encode_mask
 from pretouch.session import Budget, Session
+from pretouch.wire.json import request_from_json
 
 load_all_checks()
 _LEFT_OUT = {
@@ -71,8 +76,8 @@ def _made_to_fit(case: schemathesis.Case, url: str, ended: Session) -> bool:
     elif "session_id" in case.path_parameters:
         case.path_parameters["session_id"] = ended.id
     elif isinstance(case.body, dict) and "depth" in case.body:
-        case.body["depth"] = Binary(depth_file(DEPTH)[0])
-        case.body["mask"] = Binary(mask_file(MASK)[0])
+        case.body["depth"] = Binary(encode_depth(DEPTH)[0])
+        case.body["mask"] = Binary(encode_mask(MASK)[0])
     else:
         return False
     return True
@@ -89,3 +94,19 @@ def _check(case: schemathesis.Case, url: str) -> None:
     stream = response.headers.get("content-type", [""])[0].startswith("text/event-stream")
     left_out = [response_schema_conformance] if stream else []  # it reads each event as the schema's value
     case.validate_response(response, checks=_KEPT_CHECKS, excluded_checks=left_out)
+
+
+@pytest.mark.parametrize("example", [examples.MINIMAL_REQUEST, examples.COMPLETE_REQUEST], ids=["minimal", "complete"])
+def test_the_example_of_a_request_creates_a_session(example: dict[str, Any], orchestrator: Orchestrator) -> None:
+    asked = request_from_json(example)
+    box = Box.standing((0.08, 0.06, 0.05), at=(0.45, 0.0))
+    image, mask = World((box,)).depth(View(asked.base_T_camera, asked.camera, width=640, height=480))
+    depth = np.round(image.metres / asked.depth_scale).astype(np.uint16)
+    files = {
+        "request": ("request.json", json.dumps(example), "application/json"),
+        "depth": ("depth.png", *encode_depth(depth)),
+        "mask": ("mask.png", *encode_mask(mask)),
+    }
+    answer = httpx.post(f"{orchestrator.rest_url}/v1/sessions", files=files, timeout=TIMEOUT, trust_env=False)
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["state"] == "awaiting_scan"

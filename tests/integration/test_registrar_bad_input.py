@@ -191,7 +191,7 @@ BAD_MESHES: list[tuple[str, Any, type[PretouchError], str]] = [
     ("faces", array_to_proto(MESH.faces, "f4"), InvalidInput, "float32"),
     ("faces", array_to_proto(np.zeros((1_000_001, 3)), "u2"), TooLarge, "limit is 1000000 faces"),
     ("base_t_object", common_pb2.Pose(matrix=[0.0] * 16), InvalidInput, "rigid"),
-    ("table", common_pb2.Plane(), InvalidInput, "plane normal"),
+    ("table", common_pb2.Plane(), InvalidInput, "mesh.table.normal has 0 numbers"),
 ]
 
 

@@ -8,17 +8,16 @@ from dataclasses import asdict
 
 import pytest
 from helpers import box_view
+from helpers.openapi_document import openapi_document
 from helpers.records import a_record, after_a_scan
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_orchestrator.rest import models as documents
-from pretouch_orchestrator.rest.app import create_rest_app
 from pretouch_orchestrator.rest.bodies import json_from_bytes
 from pydantic import TypeAdapter
 
 from pretouch.errors import Malformed
 from pretouch.estimate import Prior
-from pretouch.serving import ServiceContext, Settings
 from pretouch.session import Budget, GatewaySpan, ScanSettings, Skipped, Tolerance
 from pretouch.tof import Sensor
 from pretouch.wire import json
@@ -66,9 +65,7 @@ def test_scans_as_sent_are_as_described() -> None:
 
 
 def test_the_description_refers_only_to_what_it_holds() -> None:
-    context = ServiceContext("orchestrator", Settings(token="t"))
-    document = create_rest_app(None, context, None).openapi()  # type: ignore[arg-type]
-    context.close()
+    document = openapi_document(token="t")
     referred = set(re.findall(r'"#/components/schemas/(\w+)"', text.dumps(document)))
     assert referred <= set(document["components"]["schemas"])
     assert {"Session", "SessionRequest", "Submission", "Problem"} <= referred

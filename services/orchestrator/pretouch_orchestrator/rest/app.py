@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import aclosing
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from fastapi import FastAPI, Header, Query, Request
+from fastapi import FastAPI, Request
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from numpy.typing import NDArray
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
@@ -18,25 +18,35 @@ from pretouch.errors import Conflict, InvalidInput, Malformed
 from pretouch.serving import ServiceContext
 from pretouch.session import SessionRequest, Submission
 from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
-from pretouch_orchestrator.rest import models, openapi
+from pretouch_orchestrator.rest import examples, models, openapi
 from pretouch_orchestrator.rest.admission import AdmissionMiddleware
 from pretouch_orchestrator.rest.bodies import json_from_bytes, read_json, read_parts
 from pretouch_orchestrator.rest.body_limit import BodyLimit
 from pretouch_orchestrator.rest.docs_page import render_docs_page
+from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, ScanId, SessionId
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
-from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, MAX_KEY, MAX_PAGE, SessionManager
+from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
 
 HEARTBEAT = 15.0
 """s without an event after which a comment is sent on an event stream."""
 _DESCRIPTION = (
-    "Corrects an object's pose with a range sensor in the fingertip. Metres, radians, seconds; `a_T_b` maps a point "
-    "in b to a; quaternions are x, y, z, w. Every error is an RFC 9457 problem document that says what to do."
+    "Corrects an object's pose with a range sensor in the fingertip. Metres, radians, seconds; right-handed frames; "
+    "`a_T_b` maps a point in b to a; quaternions are x, y, z, w. `base` is the robot's base; the `tip` frame is that "
+    "of the fingertip sensor, z along its beam; the `camera` frame has x right, y down, z forward. Every error is an "
+    "RFC 9457 problem document that says what to do."
 )
 
 
 def create_rest_app(sessions: SessionManager, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> FastAPI:
     """The application; `check` raises `Unavailable` while the store or an upstream service is not available."""
-    app = FastAPI(title="pretouch", description=_DESCRIPTION, docs_url=None, redoc_url=None, redirect_slashes=False)
+    app = FastAPI(
+        title="pretouch",
+        description=_DESCRIPTION,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+        generate_unique_id_function=lambda route: route.name,
+    )
     app.add_middleware(AdmissionMiddleware, context=context)
     app.add_middleware(BodyLimit)
     answer_errors_as_problems(app, context)
@@ -51,15 +61,15 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     @app.post(
         "/v1/sessions",
         status_code=201,
-        summary="Open a session",
+        summary="Create a session",
         responses=openapi.responses(
-            201, openapi.json_response(models.Session, "The new session."), 400, 401, 409, 413, 415, 422, 429, 503, 504
+            201,
+            openapi.json_response(models.Session, "The new session."),
+            *(400, 401, 409, 413, 415, 422, 429, 503, 504),
         ),
         openapi_extra=openapi.creation_body(),
     )
-    async def create_session(
-        request: Request, idempotency_key: Annotated[str, Header(alias="Idempotency-Key", max_length=MAX_KEY)] = ""
-    ) -> Response:
+    async def create_session(request: Request, idempotency_key: IdempotencyKey = "") -> Response:
         """Takes a depth image; returns regions, the first estimate and the path of the first scan.
 
         Repeating a request with the same `Idempotency-Key` returns the session that the first call created.
@@ -72,13 +82,12 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         "/v1/sessions",
         summary="List sessions",
         responses=openapi.responses(
-            200, openapi.json_response(models.SessionList, "The newest first."), 401, 422, 429, 503
+            200,
+            openapi.json_response(models.SessionList, "The newest first."),
+            *(401, 422, 429, 503),
         ),
     )
-    async def list_sessions(
-        limit: Annotated[int, Query(ge=1, le=MAX_PAGE)] = DEFAULT_PAGE,
-        cursor: Annotated[str, Query(pattern=r"^\d{0,18}$", description="`next` of the page before.")] = "",
-    ) -> Response:
+    async def list_sessions(limit: Limit = DEFAULT_PAGE, cursor: Cursor = "") -> Response:
         """Lists all sessions of this orchestrator in pages."""
         page, following = await sessions.list_page(limit, cursor)
         page_json = await context.run_in_thread(lambda: [session_to_json(session) for session in page])
@@ -86,10 +95,14 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
 
     @app.get(
         "/v1/sessions/{session_id}",
-        summary="Look at a session",
-        responses=openapi.responses(200, openapi.json_response(models.Session, "The session."), 401, 404, 503),
+        summary="Get a session",
+        responses=openapi.responses(
+            200,
+            openapi.json_response(models.Session, "The session."),
+            *(401, 404, 503),
+        ),
     )
-    async def get_session(session_id: str) -> Response:
+    async def get_session(session_id: SessionId) -> Response:
         """Returns the session's present state."""
         return JSONResponse(session_to_json(await sessions.get(session_id)))
 
@@ -97,9 +110,9 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         "/v1/sessions/{session_id}",
         status_code=204,
         summary="Cancel a session",
-        responses=openapi.responses(204, {"description": "It has ended."}, 401, 404, 503),
+        responses=openapi.responses(204, {"description": "The session has ended."}, 401, 404, 503),
     )
-    async def cancel_session(session_id: str) -> Response:
+    async def cancel_session(session_id: SessionId) -> Response:
         """Cancels the session; one that has already ended keeps its state."""
         await sessions.cancel(session_id)
         return Response(status_code=204)
@@ -107,9 +120,13 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     @app.get(
         "/v1/sessions/{session_id}/next-scan",
         summary="Get the next scan's path",
-        responses=openapi.responses(200, openapi.json_response(models.ScanPlan, "The path."), 401, 404, 409, 503),
+        responses=openapi.responses(
+            200,
+            openapi.json_response(models.ScanPlan, "The path."),
+            *(401, 404, 409, 503),
+        ),
     )
-    async def next_scan(session_id: str) -> Response:
+    async def get_next_scan(session_id: SessionId) -> Response:
         """Returns the path that the fingertip should follow next."""
         session = await sessions.get(session_id)
         if session.next_scan is None:
@@ -124,20 +141,11 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         responses=openapi.responses(
             200,
             openapi.json_response(models.Session, "The session after the scan."),
-            400,
-            401,
-            404,
-            409,
-            413,
-            415,
-            422,
-            429,
-            503,
-            504,
+            *(400, 401, 404, 409, 413, 415, 422, 429, 503, 504),
         ),
         openapi_extra=openapi.submission_body(),
     )
-    async def submit_scan(request: Request, session_id: str, scan_id: str) -> Response:
+    async def submit_scan(request: Request, session_id: SessionId, scan_id: ScanId) -> Response:
         """Takes what the finger measured along the planned path. Repeating a scan returns the present session."""
 
         async def read() -> Submission:
@@ -164,17 +172,17 @@ def _decode_submission(body: bytes) -> Submission:
 
 
 def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
-    event_stream = openapi.text_response("text/event-stream", "Server-sent events.")
+    event_stream = openapi.text_response("text/event-stream", "Server-sent events; their data is JSON.", examples.EVENT)
 
     @app.get(
         "/v1/sessions/{session_id}/events",
         response_class=StreamingResponse,
-        summary="Follow a session",
+        summary="Stream a session's events",
         responses=openapi.responses(200, event_stream, 400, 401, 404, 503),
     )
-    async def follow_session(
-        session_id: str,
-        last_event_id: Annotated[str, Header(alias="Last-Event-ID", description="Only events after this one.")] = "",
+    async def stream_events(
+        session_id: SessionId,
+        last_event_id: LastEventId = "",
     ) -> Response:
         """Streams the events `session`, `scan`, `estimate` and `end`, from the session's start to its end."""
         if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
@@ -187,7 +195,7 @@ def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
         )
 
 
-async def _stream_events(sessions: SessionManager, session_id: str, after: int) -> AsyncIterator[str]:
+async def _stream_events(sessions: SessionManager, session_id: SessionId, after: int) -> AsyncIterator[str]:
     async with aclosing(sessions.follow(session_id, after, HEARTBEAT)) as events:
         async for event in events:
             if event is None:
@@ -202,7 +210,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
         summary="Is it alive?",
         responses=openapi.responses(200, openapi.json_response(models.Health, "It answers.")),
     )
-    async def alive() -> dict[str, Any]:
+    async def get_health() -> dict[str, Any]:
         """The service answers."""
         return {"status": "ok"}
 
@@ -211,7 +219,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
         summary="Is it ready?",
         responses=openapi.responses(200, openapi.json_response(models.Health, "It can serve sessions."), 503),
     )
-    async def ready() -> dict[str, Any]:
+    async def get_readiness() -> dict[str, Any]:
         """The store is writable, and the upstream services are ready."""
         await check()
         return {"status": "ready"}
@@ -220,9 +228,9 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
         "/metrics",
         response_class=PlainTextResponse,
         summary="Metrics",
-        responses=openapi.responses(200, openapi.text_response("text/plain", "Prometheus text.")),
+        responses=openapi.responses(200, openapi.text_response("text/plain", "Prometheus text.", examples.METRIC)),
     )
-    async def metrics() -> Response:
+    async def get_metrics() -> Response:
         """Returns the metrics in the text format of Prometheus."""
         return Response(generate_latest(context.metrics.registry), media_type=CONTENT_TYPE_LATEST)
 
@@ -230,8 +238,8 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
         "/docs",
         response_class=HTMLResponse,
         summary="This API's description",
-        responses=openapi.responses(200, openapi.text_response("text/html", "A page.")),
+        responses=openapi.responses(200, openapi.text_response("text/html", "A page.", "<!doctype html>...")),
     )
-    async def docs() -> Response:
+    async def get_docs() -> Response:
         """Shows the OpenAPI document as a self-contained page."""
         return HTMLResponse(render_docs_page(app.openapi()))

@@ -1,4 +1,4 @@
-"""Describes the REST routes in OpenAPI: request bodies, responses and problems."""
+"""Describes the REST routes in OpenAPI: request bodies, responses, problems and how calls are authenticated."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic.json_schema import models_json_schema
 
 from pretouch import __version__
 from pretouch.errors import WIRE
-from pretouch_orchestrator.rest import models
+from pretouch_orchestrator.rest import examples, models
 from pretouch_orchestrator.rest.admission import OPEN_PATHS
 from pretouch_orchestrator.rest.bodies import PARTS
 from pretouch_orchestrator.rest.problems import PROBLEM_TYPE
@@ -19,39 +19,48 @@ from pretouch_orchestrator.rest.problems import PROBLEM_TYPE
 _REFERENCE = "#/components/schemas/{model}"
 _REQUEST_MODELS = (models.SessionRequest,)
 _RESPONSE_MODELS = (models.Session, models.SessionList, models.ScanPlan, models.Problem, models.Health)
+_BEARER = {
+    "type": "http",
+    "scheme": "bearer",
+    "description": "The token that the orchestrator was started with, if any: `Authorization: Bearer TOKEN`.",
+}
 _TITLES = {wire.http_status: wire.title for wire in WIRE.values()}
 
 
 def json_response(model: type[BaseModel], description: str) -> dict[str, Any]:
-    """A JSON response."""
+    """A JSON response; the examples are those of the model."""
     return {"description": description, "content": {"application/json": {"schema": _reference(model)}}}
 
 
-def text_response(media_type: str, description: str) -> dict[str, Any]:
+def text_response(media_type: str, description: str, example: str) -> dict[str, Any]:
     """A response that is not JSON."""
-    return {"description": description, "content": {media_type: {"schema": {"type": "string"}}}}
+    return {"description": description, "content": {media_type: {"schema": {"type": "string"}, "example": example}}}
 
 
 def responses(status: int, success: dict[str, Any], *problems: int) -> dict[int | str, dict[str, Any]]:
     """A route's successful response, and the statuses of its problem documents."""
-    content = {PROBLEM_TYPE: {"schema": _reference(models.Problem)}}
     described: dict[int | str, dict[str, Any]] = {status: success}
-    return described | {code: {"description": _TITLES[code], "content": content} for code in problems}
+    for code in problems:
+        content = {"schema": _reference(models.Problem), "example": examples.PROBLEMS[code]}
+        described[code] = {"description": _TITLES[code], "content": {PROBLEM_TYPE: content}}
+    return described
 
 
 def creation_body() -> dict[str, Any]:
     """The multipart body of a session's creation."""
     properties = {
-        "request": _reference(models.SessionRequest),
+        "request": _reference(models.SessionRequest) | {"description": "The request, without the images."},
         "depth": {
             "type": "string",
             "format": "binary",
-            "description": "16-bit greyscale PNG, or .npy of uint16 or float32; h x w, at most 4 megapixels.",
+            "description": "Depth along the camera's optical axis in units of `camera.depth_scale`; 0 and NaN mean no "
+            "data. A 16-bit greyscale PNG, or an .npy file of uint16 or float32; h x w pixels, at most 4 million.",
         },
         "mask": {
             "type": "string",
             "format": "binary",
-            "description": "Greyscale PNG of the depth image's size, non-zero on the object.",
+            "description": "Greyscale PNG of the depth image's size, non-zero in the pixels of the object; left out: "
+            "the object is found on the table.",
         },
     }
     form = {"type": "object", "required": ["request", "depth"], "properties": properties, "additionalProperties": False}
@@ -78,7 +87,13 @@ def install_document(app: FastAPI, *, token: bool) -> None:
 
 
 def _build_document(app: FastAPI, token: bool) -> dict[str, Any]:
-    document = get_openapi(title=app.title, version=__version__, description=app.description, routes=app.routes)
+    document = get_openapi(
+        title=app.title,
+        version=__version__,
+        description=app.description,
+        routes=app.routes,
+        servers=[{"url": "/", "description": "The orchestrator that serves this document."}],
+    )
     for methods in document["paths"].values():
         for operation in methods.values():
             # FastAPI adds a 422 to every route with parameters; the routes that can return one declare it themselves.
@@ -88,11 +103,13 @@ def _build_document(app: FastAPI, token: bool) -> dict[str, Any]:
     outputs = [(model, "serialization") for model in _RESPONSE_MODELS]
     _, definitions = models_json_schema([*inputs, *outputs], ref_template=_REFERENCE)  # type: ignore[list-item]
     submission = TypeAdapter(models.Submission).json_schema(ref_template=_REFERENCE)
+    submission["description"] = "The result of a scan, in one of four forms."
     schemas = definitions["$defs"] | submission.pop("$defs") | {"Submission": submission}
-    components: dict[str, Any] = {"schemas": dict(sorted(schemas.items()))}
+    for name, documents in examples.DOCUMENTS.items():
+        schemas[name]["examples"] = documents
+    components = {"schemas": dict(sorted(schemas.items())), "securitySchemes": {"bearer": _BEARER}}
     if token:
-        components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
-        document["security"] = [{"token": []}]
+        document["security"] = [{"bearer": []}]
         for path in OPEN_PATHS:
             document["paths"][path]["get"]["security"] = []
     document["components"] = components

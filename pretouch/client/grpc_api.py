@@ -1,4 +1,4 @@
-"""The orchestrator's calls over gRPC, as protobuf messages."""
+"""The session API over gRPC: calls as protobuf messages."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from pretouch.client.calls import Call, Calls, SessionPage, T
-from pretouch.client.images import ImageLike, depth_values, mask_values
+from pretouch.client.api import Call, ResultT, SessionApi, SessionPage
+from pretouch.client.images import ImageLike, load_depth, load_mask
 from pretouch.errors import Conflict, Internal, InvalidInput
 from pretouch.session import ScanPlan, Session, SessionRequest, Submission
 from pretouch.v1 import orchestrator_pb2 as pb
@@ -19,13 +19,13 @@ from pretouch.wire.session import request_to_proto, session_from_proto, submissi
 
 @dataclass(frozen=True)
 class RpcMessage:
-    """A request and the name of the method of the OrchestratorService that takes it."""
+    """A request, and the method of the OrchestratorService that it is for."""
 
     method: str
     request: Message
 
 
-class GrpcCalls(Calls[RpcMessage, Any]):
+class GrpcSessionApi(SessionApi[RpcMessage, Any]):
     """The OrchestratorService, version 1."""
 
     def create_session(
@@ -33,46 +33,46 @@ class GrpcCalls(Calls[RpcMessage, Any]):
     ) -> Call[RpcMessage, Any, Session]:
         message = request_to_proto(
             request,
-            depth_values(depth),
-            None if mask is None else mask_values(mask),
+            load_depth(depth),
+            None if mask is None else load_mask(mask),
             idempotency_key or uuid.uuid4().hex,
         )
-        return Call(RpcMessage("CreateSession", message), _session)
+        return Call(RpcMessage("CreateSession", message), _decode_session)
 
     def session(self, session_id: str) -> Call[RpcMessage, Any, Session]:
-        return Call(RpcMessage("GetSession", pb.GetSessionRequest(session_id=session_id)), _session)
+        return Call(RpcMessage("GetSession", pb.GetSessionRequest(session_id=session_id)), _decode_session)
 
     def sessions(self, limit: int, cursor: str) -> Call[RpcMessage, Any, SessionPage]:
         message = pb.ListSessionsRequest(limit=limit, cursor=cursor)
-        return Call(RpcMessage("ListSessions", message), _page)
+        return Call(RpcMessage("ListSessions", message), _decode_page)
 
     def next_scan(self, session_id: str) -> Call[RpcMessage, Any, ScanPlan]:
-        def plan(answer: pb.GetSessionResponse) -> ScanPlan:
-            session = _session(answer)
+        def decode_plan(answer: pb.GetSessionResponse) -> ScanPlan:
+            session = _decode_session(answer)
             if session.next_scan is None:
                 raise Conflict(
                     f"The session is {session.state}; it has no next scan.", "Create another session to scan on."
                 )
             return session.next_scan
 
-        return Call(RpcMessage("GetSession", pb.GetSessionRequest(session_id=session_id)), plan)
+        return Call(RpcMessage("GetSession", pb.GetSessionRequest(session_id=session_id)), decode_plan)
 
     def submit(self, session_id: str, scan_id: str, submission: Submission) -> Call[RpcMessage, Any, Session]:
-        return Call(RpcMessage("SubmitScan", submission_to_proto(session_id, scan_id, submission)), _session)
+        return Call(RpcMessage("SubmitScan", submission_to_proto(session_id, scan_id, submission)), _decode_session)
 
     def cancel(self, session_id: str) -> Call[RpcMessage, Any, None]:
         return Call(RpcMessage("CancelSession", pb.CancelSessionRequest(session_id=session_id)), lambda _: None)
 
 
-def _session(answer: Any) -> Session:
-    return _readable(lambda: session_from_proto(answer.session))
+def _decode_session(answer: Any) -> Session:
+    return _decode(lambda: session_from_proto(answer.session))
 
 
-def _page(answer: pb.ListSessionsResponse) -> SessionPage:
-    return _readable(lambda: SessionPage(tuple(map(session_from_proto, answer.sessions)), answer.next))
+def _decode_page(answer: pb.ListSessionsResponse) -> SessionPage:
+    return _decode(lambda: SessionPage(tuple(map(session_from_proto, answer.sessions)), answer.next))
 
 
-def _readable(parse: Callable[[], T]) -> T:
+def _decode(parse: Callable[[], ResultT]) -> ResultT:
     try:
         return parse()
     except InvalidInput as error:

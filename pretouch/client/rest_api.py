@@ -1,4 +1,4 @@
-"""The orchestrator's calls over REST, as HTTP messages."""
+"""The session API over REST: calls as HTTP requests."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from urllib.parse import quote
 
 import httpx
 
-from pretouch.client.calls import Call, Calls, SessionPage, T
-from pretouch.client.images import ImageLike, depth_file, mask_file
+from pretouch.client.api import Call, ResultT, SessionApi, SessionPage
+from pretouch.client.images import ImageLike, encode_depth, encode_mask
 from pretouch.errors import WIRE, DeadlineExceeded, Internal, InvalidInput, PretouchError, Unavailable, from_problem
 from pretouch.session import ScanPlan, Session, SessionRequest, Submission
 from pretouch.wire.json import (
@@ -33,7 +33,7 @@ class HttpMessage:
     options: dict[str, Any] = field(default_factory=dict)
 
 
-class RestCalls(Calls[HttpMessage, httpx.Response]):
+class RestSessionApi(SessionApi[HttpMessage, httpx.Response]):
     """The REST contract, version 1."""
 
     def create_session(
@@ -41,48 +41,48 @@ class RestCalls(Calls[HttpMessage, httpx.Response]):
     ) -> Call[HttpMessage, httpx.Response, Session]:
         files = {
             "request": ("request.json", json.dumps(request_to_json(request)).encode(), "application/json"),
-            "depth": ("depth", *depth_file(depth)),
+            "depth": ("depth", *encode_depth(depth)),
         }
         if mask is not None:
-            files["mask"] = ("mask", *mask_file(mask))
+            files["mask"] = ("mask", *encode_mask(mask))
         headers = {"Idempotency-Key": idempotency_key or uuid.uuid4().hex}
         message = HttpMessage("POST", "/v1/sessions", {"files": files, "headers": headers})
-        return Call(message, _reads(session_from_json))
+        return Call(message, _decode_with(session_from_json))
 
     def session(self, session_id: str) -> Call[HttpMessage, httpx.Response, Session]:
-        return Call(HttpMessage("GET", session_path(session_id)), _reads(session_from_json))
+        return Call(HttpMessage("GET", session_path(session_id)), _decode_with(session_from_json))
 
     def sessions(self, limit: int, cursor: str) -> Call[HttpMessage, httpx.Response, SessionPage]:
         params: dict[str, Any] = {"limit": limit} | ({"cursor": cursor} if cursor else {})
         return Call(
             HttpMessage("GET", "/v1/sessions", {"params": params}),
-            _reads(lambda document: SessionPage(*session_page_from_json(document))),
+            _decode_with(lambda document: SessionPage(*session_page_from_json(document))),
         )
 
     def next_scan(self, session_id: str) -> Call[HttpMessage, httpx.Response, ScanPlan]:
-        return Call(HttpMessage("GET", session_path(session_id) + "/next-scan"), _reads(scan_plan_from_json))
+        return Call(HttpMessage("GET", session_path(session_id) + "/next-scan"), _decode_with(scan_plan_from_json))
 
     def submit(
         self, session_id: str, scan_id: str, submission: Submission
     ) -> Call[HttpMessage, httpx.Response, Session]:
         path = f"{session_path(session_id)}/scans/{quote(scan_id, safe='')}"
         message = HttpMessage("POST", path, {"json": submission_to_json(submission)})
-        return Call(message, _reads(session_from_json))
+        return Call(message, _decode_with(session_from_json))
 
     def cancel(self, session_id: str) -> Call[HttpMessage, httpx.Response, None]:
-        return Call(HttpMessage("DELETE", session_path(session_id)), refuse_errors)
+        return Call(HttpMessage("DELETE", session_path(session_id)), raise_for_problem)
 
 
 def session_path(session_id: str) -> str:
     return f"/v1/sessions/{quote(session_id, safe='')}"
 
 
-def refuse_errors(response: httpx.Response) -> None:
-    """Raises the pretouch error that an answer stands for, if it is one."""
+def raise_for_problem(response: httpx.Response) -> None:
+    """Raises the pretouch error that a response with an error status stands for."""
     if response.is_success:
         return
     if response.headers.get("content-type", "").startswith("application/problem+json"):
-        document = _json(response)
+        document = _parse_json(response)
         if isinstance(document, dict):
             raise from_problem(document)
     status = response.status_code
@@ -96,8 +96,8 @@ def refuse_errors(response: httpx.Response) -> None:
     )
 
 
-def unreachable(error: httpx.TransportError, base_url: str) -> PretouchError:
-    """The pretouch error behind a failed connection."""
+def convert_transport_error(error: httpx.TransportError, base_url: str) -> PretouchError:
+    """Converts a failed connection to the pretouch error that it stands for."""
     if isinstance(error, httpx.TimeoutException) and not isinstance(error, httpx.ConnectTimeout):
         return DeadlineExceeded(f"{base_url} did not answer in time.", "Try again, or allow a longer timeout.")
     return Unavailable(
@@ -106,21 +106,21 @@ def unreachable(error: httpx.TransportError, base_url: str) -> PretouchError:
     )
 
 
-def _reads(parse: Callable[[object], T]) -> Callable[[httpx.Response], T]:
-    def read(response: httpx.Response) -> T:
-        refuse_errors(response)
+def _decode_with(parse: Callable[[object], ResultT]) -> Callable[[httpx.Response], ResultT]:
+    def decode(response: httpx.Response) -> ResultT:
+        raise_for_problem(response)
         try:
-            return parse(_json(response))
+            return parse(_parse_json(response))
         except InvalidInput as error:
             raise Internal(
                 f"The answer of {response.url} cannot be read: {error.detail}",
                 "Check that the address is that of a pretouch orchestrator, and that the client is as new.",
             ) from error
 
-    return read
+    return decode
 
 
-def _json(response: httpx.Response) -> object:
+def _parse_json(response: httpx.Response) -> object:
     try:
         return response.json()
     except ValueError as error:

@@ -1,0 +1,25 @@
+"""The parameters of the REST routes, described for OpenAPI."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Header, Path, Query
+
+from pretouch_orchestrator.sessions.manager import MAX_KEY, MAX_PAGE
+
+SessionId = Annotated[str, Path(description="Name of the session.")]
+ScanId = Annotated[str, Path(description="Name of the scan: `scan_id` of the session's `next_scan`.")]
+IdempotencyKey = Annotated[
+    str,
+    Header(
+        alias="Idempotency-Key",
+        max_length=MAX_KEY,
+        description="A repeated key returns the session that the first call created.",
+    ),
+]
+LastEventId = Annotated[str, Header(alias="Last-Event-ID", description="Only events after the one with this id.")]
+Limit = Annotated[int, Query(ge=1, le=MAX_PAGE, description="Largest number of sessions on the page.")]
+Cursor = Annotated[
+    str, Query(pattern=r"^\d{0,18}$", description="`next` of the previous page; left out: the first page.")
+]
