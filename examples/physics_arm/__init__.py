@@ -2,5 +2,6 @@
 
     python -m examples.physics_arm --seeds 3
 
-Nothing here knows how pretouch works inside: arm, camera, finger and truth are the engine's, pretouch is asked over HTTP.
+Nothing here knows how pretouch works inside: arm, camera, finger and truth are the engine's, and pretouch is asked
+over HTTP.
 """

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 
 import numpy as np
+from pretouch_simulation.services import Services
 
 from examples.physics_arm.objects import OBJECTS
 from examples.physics_arm.run import Result, run
 from pretouch.client import RestClient
 from pretouch.session import State
-from pretouch_simulation.services import Services
 
 _HEADER = (
     "| object | n | before, mm | after, mm (median, worst) | expected, mm | truth in the 95 % region | converged "

@@ -1,6 +1,7 @@
 """A depth camera as a robot's head may carry one: the engine's rays, with the errors of an active stereo camera.
 
-Disparity noise is correlated over a matching window; where depth jumps, a pixel may show its neighbour's surface, or none.
+Disparity noise is correlated over a matching window; where depth jumps, a pixel may show its neighbour's surface, or
+nothing.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class View:
 
 def photograph(world: World, random: np.random.Generator) -> View:
     """The world from 0.8 to 1.0 m away, 40 to 50 degrees down, from the side where the arm is not."""
-    base_T_camera = _look_at(world.data.body("object").xpos + [0, 0, 0.04], random)
+    base_T_camera = _look_at(world.data.body("object").xpos, random)
     v, u = np.indices((HEIGHT, WIDTH))
     ahead = INTRINSICS.back_project(np.stack([u, v], axis=-1), np.ones((HEIGHT, WIDTH))).reshape(-1, 3)
     lengths = np.linalg.norm(ahead, axis=1)
@@ -58,7 +59,7 @@ def photograph(world: World, random: np.random.Generator) -> View:
 
 def _look_at(target: Array, random: np.random.Generator) -> Pose:
     distance, down = random.uniform(0.8, 1.0), np.radians(random.uniform(40, 50))
-    around = np.radians(random.uniform(90, 170))  # about the object, from the base's x: the arm waits at the other side
+    around = np.radians(random.uniform(90, 160))  # about the object, from the base's x: the arm waits at the other side
     back = np.array([np.cos(down) * np.cos(around), np.cos(down) * np.sin(around), np.sin(down)])
     right = np.cross(-back, [0, 0, 1])
     right /= np.linalg.norm(right)

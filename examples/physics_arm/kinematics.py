@@ -1,4 +1,4 @@
-"""Inverse kinematics by damped least squares, within the joints' limits and free of collisions."""
+"""Inverse kinematics by damped least squares, within the joints' limits and clear of table and arm."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FASTEST = 1.5
 def follow(world: World, times: Array, base_T_tip: Array) -> tuple[Array, Array] | None:
     """The joint angles (n, 7), rad, that lead the tip along poses (n, 4, 4) at times (n,), s; and the poses as turned.
 
-    None where no turn about the beam is within reach, limits and joint speeds, and free of collisions.
+    None where no turn about the beam is within reach, limits and joint speeds, and clear of table and arm.
     """
     for turn in _TURNS:
         spin = np.eye(4)
@@ -40,11 +40,15 @@ def follow(world: World, times: Array, base_T_tip: Array) -> tuple[Array, Array]
 
 
 def collides(world: World, joints: Array) -> bool:
-    """Whether the arm would touch anything at these angles."""
+    """Whether the arm would touch the table or itself at these angles; where the object is the robot does not know."""
     state = mujoco.MjData(world.model)
     state.qpos[:] = joints
-    mujoco.mj_forward(world.model, state)
-    return bool(state.ncon > 0)
+    mujoco.mj_fwdPosition(world.model, state)
+    return _touches_known_things(world, state)
+
+
+def _touches_known_things(world: World, state: mujoco.MjData) -> bool:
+    return not np.isin(state.contact.geom, world.object_geoms()).any(axis=1).all()
 
 
 def _solve_path(world: World, poses: Array) -> Array | None:
@@ -52,7 +56,7 @@ def _solve_path(world: World, poses: Array) -> Array | None:
     state = mujoco.MjData(world.model)
     for pose in poses:
         joints = _solve(world, state, pose, path[-1:] or _STARTS)
-        if joints is None or state.ncon > 0:
+        if joints is None or _touches_known_things(world, state):
             return None
         path.append(joints)
     return np.stack(path)

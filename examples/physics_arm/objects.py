@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 _STAVES = 24
 
@@ -31,7 +32,7 @@ def _ring(radius: float, low: float, high: float, wall: float) -> str:
 
 def _mug() -> str:
     handle = [(0.038, 0.078), (0.062, 0.072), (0.066, 0.045), (0.058, 0.024), (0.038, 0.020)]
-    bars = [_bar(f"{x} 0 {z}", f"{a} 0 {b}", 0.005) for (x, z), (a, b) in zip(handle, handle[1:], strict=False)]
+    bars = [_bar(f"{x} 0 {z}", f"{a} 0 {b}", 0.005) for (x, z), (a, b) in pairwise(handle)]
     return _ring(0.041, 0.0, 0.095, 0.004) + _geom("cylinder", "0.039 0.003", "0 0 0.003") + "".join(bars)
 
 

@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 
 _HOVER = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 """rad: high above the table; travels that would touch something go this way."""
-_CLEARANCE = 0.10  # m above a scan's first and last waypoint
-_APPROACH = 1.5  # s from there down to it, and back up
+_TRAVEL_HEIGHT = 0.30  # m above the table, between scans
+_APPROACH = 2.5  # s from there down along the beam to the first waypoint, and from the last one back up
 _TRAVEL = 0.6  # rad/s of the joint that has farthest to go
 _RATE = 25.0  # poses per second that inverse kinematics is asked for
 
@@ -29,7 +29,7 @@ class Robot:
     """The arm with its finger.
 
     Attributes:
-        touches: scans during which the arm touched something.
+        touches: motions during which the arm touched something.
     """
 
     world: World
@@ -65,7 +65,8 @@ class Robot:
     def _play(self, times: Array, joints: Array, interval: float) -> list[tuple[float, Array, float]]:
         """Lets the motors follow `joints` (n, 7) at `times` (n,), s; (time, tip pose, range) every `interval` s."""
         model, data = self.world.model, self.world.data
-        begun, samples, touched = data.time, [], False
+        begun, touched = data.time, False
+        samples: list[tuple[float, Array, float]] = []
         while (now := data.time - begun) < times[-1]:
             data.ctrl[:] = [np.interp(now, times, column) for column in joints.T]
             mujoco.mj_step(model, data)
@@ -77,14 +78,15 @@ class Robot:
 
 
 def _with_approach(plan: ScanPlan) -> tuple[Array, Array, float, float]:
-    """Times (n,), s, and tip poses (n, 4, 4) from above the first waypoint to above the last; the scan's start and end."""
+    """From above the first waypoint to above the last: times (n,), s, tip poses (n, 4, 4), and when the scan is on."""
     path = plan.path.sampled(_RATE)
     times, poses = path.t - path.t[0], path.base_T_tip
     steps = int(_APPROACH * _RATE)
-    heights = _CLEARANCE * np.arange(steps, 0, -1) / steps
+    shares = np.arange(steps, 0, -1) / steps
     down, up = np.repeat(poses[:1], steps, axis=0), np.repeat(poses[-1:], steps, axis=0)
-    down[:, :3, 3] -= heights[:, None] * down[:, :3, 2]
-    up[:, :3, 3] -= heights[::-1, None] * up[:, :3, 2]
+    for leg, share in ((down, shares), (up, shares[::-1])):
+        beam = leg[0, :3, 2]
+        leg[:, :3, 3] += (share * (_TRAVEL_HEIGHT - leg[0, 2, 3]) / beam[2])[:, None] * beam
     start = steps / _RATE
     end = start + times[-1]
     before, after = np.arange(steps) / _RATE, end + np.arange(1, steps + 1) / _RATE

@@ -51,8 +51,8 @@ def run(client: RestClient, object_name: str, seed: int) -> Result:
 
     request = SessionRequest(INTRINSICS, truth.believed, depth_scale=DEPTH_UNIT, sensor=SENSOR)
     session = client.create_session(request, view.depth)
-    for session in drive(client, session, scan):
-        estimate = session.estimate
+    *_, session = drive(client, session, scan)
+    estimate = session.estimate
     return Result(
         object_name,
         seed,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from examples.physics_arm.objects import OBJECTS
 
-ASIDE = np.array([-1.8, -0.6, 0.0, -2.2, 0.0, 1.6, 0.785])
+ASIDE = np.array([-1.8, 0.2, 0.0, -2.2, 0.0, 2.4, 0.785])
 """rad: the arm out of the camera's view."""
 
 _LINKS = (  # pos of the joint in the link before, turn about x in degrees, limits in degrees, torque in N m, geom
@@ -87,7 +87,7 @@ class World:
 
     def touching(self) -> bool:
         """Whether the arm touches the object, the table or itself."""
-        return self.data.ncon > 0
+        return bool(self.data.ncon > 0)
 
     def object_geoms(self) -> NDArray[np.intp]:
         """The ids of the object's geoms."""
