@@ -12,11 +12,11 @@ from pretouch_simulation.services import Services
 from examples.physics_arm.objects import OBJECTS
 from examples.physics_arm.run import Result, run
 from pretouch.client import RestClient
-from pretouch.session import State
+from pretouch.session import State, Tolerance
 
 _HEADER = (
     "| object | n | before, mm | after, mm (median, worst) | expected, mm | truth in the 95 % region | converged "
-    "| of these within 3 mm | scans | robot seconds | skipped scans | scans with a touch |"
+    "| of these within it | scans | robot seconds | skipped scans | motions with a touch |"
 )
 
 
@@ -25,6 +25,7 @@ def main() -> None:
     parser.add_argument("--url", help="REST of a running pretouch; left out: one is started")
     parser.add_argument("--objects", nargs="+", choices=OBJECTS, default=list(OBJECTS))
     parser.add_argument("--seeds", type=int, default=3, help="runs of each object")
+    parser.add_argument("--tolerance", type=float, default=0.003, help="m within which a pose is good enough")
     options = parser.parse_args()
     with ExitStack() as stack:
         url = options.url or stack.enter_context(Services()).rest
@@ -32,14 +33,14 @@ def main() -> None:
         results = []
         for name in options.objects:
             for seed in range(options.seeds):
-                results.append(run(client, name, seed))
+                results.append(run(client, name, seed, Tolerance(options.tolerance)))
                 print(_line(results[-1]), flush=True)
     print()
     print(_HEADER)
     print("|" + "---|" * (_HEADER.count("|") - 1))
     for name in options.objects:
-        print(_row(name, [result for result in results if result.object_name == name]))
-    print(_row("all", results))
+        print(_row(name, [result for result in results if result.object_name == name], options.tolerance))
+    print(_row("all", results, options.tolerance))
 
 
 def _line(result: Result) -> str:
@@ -50,7 +51,7 @@ def _line(result: Result) -> str:
     )
 
 
-def _row(name: str, results: Sequence[Result]) -> str:
+def _row(name: str, results: Sequence[Result], tolerance: float) -> str:
     errors = 1000 * np.array([result.error for result in results])
     converged = [result for result in results if result.state is State.CONVERGED]
     cells = [
@@ -61,7 +62,7 @@ def _row(name: str, results: Sequence[Result]) -> str:
         f"{1000 * np.median([result.expected_error for result in results]):.1f}",
         f"{sum(result.covered for result in results)} of {len(results)}",
         str(len(converged)),
-        str(sum(result.error <= 0.003 for result in converged)),
+        str(sum(result.error <= tolerance for result in converged)),
         f"{np.mean([result.scans for result in results]):.1f}",
         f"{np.mean([result.seconds for result in results]):.0f}",
         str(sum(result.skipped for result in results)),

@@ -14,7 +14,7 @@ from examples.physics_arm.truth import Truth
 from examples.physics_arm.world import World
 from pretouch.client import RestClient, drive
 from pretouch.geometry import Pose
-from pretouch.session import ScanPlan, SessionRequest, Skipped, State, Submission
+from pretouch.session import ScanPlan, SessionRequest, Skipped, State, Submission, Tolerance
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Result:
     seconds: float
 
 
-def run(client: RestClient, object_name: str, seed: int) -> Result:
+def run(client: RestClient, object_name: str, seed: int, tolerance: Tolerance) -> Result:
     """Opens a session with what the camera shows and the robot believes, and scans until the session ends."""
     random = np.random.default_rng([zlib.crc32(object_name.encode()), seed])
     world = World.of(object_name, random)
@@ -49,7 +49,7 @@ def run(client: RestClient, object_name: str, seed: int) -> Result:
         skipped += isinstance(submission, Skipped)
         return submission
 
-    request = SessionRequest(INTRINSICS, truth.believed, depth_scale=DEPTH_UNIT, sensor=SENSOR)
+    request = SessionRequest(INTRINSICS, truth.believed, depth_scale=DEPTH_UNIT, tolerance=tolerance, sensor=SENSOR)
     session = client.create_session(request, view.depth)
     *_, session = drive(client, session, scan)
     estimate = session.estimate
