@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import subprocess
+import sys
 import time
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -37,7 +40,7 @@ def ur(monkeypatch: pytest.MonkeyPatch) -> tuple[ModuleType, FakeUr]:
 
 def xarm(monkeypatch: pytest.MonkeyPatch) -> tuple[ModuleType, FakeXArm]:
     api = pytest.importorskip("xarm.wrapper").XArmAPI
-    example, arm = importlib.import_module("examples.xarm"), FakeXArm()
+    example, arm = importlib.import_module("examples.ufactory_xarm"), FakeXArm()
     monkeypatch.setattr(example, "XArmAPI", _constructor(api, arm))
     return example, arm
 
@@ -120,6 +123,18 @@ def test_an_xarm_is_asked_for_the_flange_poses_of_the_plan(monkeypatch: pytest.M
     flanges = plan().path.base_T_tip @ np.linalg.inv(tip_offset(example))
     np.testing.assert_allclose(arm.asked[1:4], flanges, atol=1e-9)
     assert arm.motions.count("move") == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "sdk"), [("ur", "rtde_control"), ("ufactory_xarm", "xarm.wrapper"), ("franka", "franky")]
+)
+def test_a_copied_file_finds_the_sdk_and_not_itself(name: str, sdk: str, tmp_path: Path) -> None:
+    pytest.importorskip(sdk)
+    source = Path(__file__).resolve().parents[2] / "examples" / f"{name}.py"
+    copy = tmp_path / source.name
+    copy.write_text(source.read_text().replace("    main()\n", "    print(Robot)\n"))
+    done = subprocess.run([sys.executable, copy], capture_output=True, text=True, timeout=120, check=False)
+    assert "__main__.Robot" in done.stdout, done.stderr
 
 
 def test_a_call_that_the_sdk_would_refuse_is_refused() -> None:
