@@ -64,7 +64,8 @@ def _file(name: str, file: FileDescriptorProto) -> Iterator[str]:
         yield f"### {message.name}\n\n{comments.get((_MESSAGES, m), '')}"
         maps = {nested.name: nested for nested in message.nested_type}
         rows = [
-            f"| {field.number} | `{field.name}` | {_type(field, maps)} | {comments.get((_MESSAGES, m, _MEMBERS, f), '')} |"
+            f"| {field.number} | `{field.name}` | {_type(field, maps)} "
+            f"| {comments.get((_MESSAGES, m, _MEMBERS, f), '')} |"
             for f, field in enumerate(message.field)
         ]
         if rows:
