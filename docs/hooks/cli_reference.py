@@ -16,8 +16,7 @@ from pretouch.cli import _app
 _INTRODUCTION = """# Command line
 
 Every command and option, made from the help that `pretouch COMMAND --help` shows. Options with an environment variable
-take it where they are not given. An error that you can fix is printed in two lines, what was wrong and what to do, with
-exit code 2.
+take it where they are not given.
 """
 
 
@@ -29,11 +28,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def render() -> str:
     """The page of the whole command line, with the commands of all packages."""
-    commands = dict(_group(_app(None)).commands)
+    root = _group(_app(None))
+    commands = dict(root.commands)
     for entry in entry_points(group="pretouch.commands"):
         commands[entry.name] = _group(_app(entry.name)).commands[entry.name]
     sections = [section for name in sorted(commands) for section in _sections(f"pretouch {name}", commands[name])]
-    return "\n\n".join([_INTRODUCTION, *sections]) + "\n"
+    return "\n\n".join([_INTRODUCTION, root.epilog or "", *sections]) + "\n"
 
 
 def _group(app: typer.Typer) -> Any:

@@ -20,6 +20,7 @@ PAGES = {
     "CONTRIBUTING.md": "project/contributing.md",
     "SECURITY.md": "project/security.md",
     "firmware/README.md": "services/firmware.md",
+    "simulation/README.md": "services/simulation.md",
     "services/detector/README.md": "services/detector.md",
     "services/detector/LABELS.md": "services/detector-labels.md",
     "services/detector/pretouch_detector/weights/MODEL_CARD.md": "services/detector-model-card.md",
