@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: demo test lint proto bench fuzz clean
+.PHONY: demo test lint proto docs bench fuzz clean
 
 demo: $(VENV)/.demo
 	$(BIN)/pretouch demo
@@ -23,6 +23,10 @@ proto: $(VENV)/.test
 	$(BIN)/python -m grpc_tools.protoc -I proto --plugin=protoc-gen-mypy=$(BIN)/protoc-gen-mypy \
 	    --plugin=protoc-gen-mypy_grpc=$(BIN)/protoc-gen-mypy_grpc --python_out=. --grpc_python_out=. --mypy_out=. --mypy_grpc_out=. \
 	    proto/pretouch/v1/*.proto
+
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+	@echo "Open site/index.html, or, to search it: $(PYTHON) -m http.server --directory site"
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks
@@ -43,8 +47,12 @@ $(VENV)/.demo: pyproject.toml | $(BIN)/python
 
 $(VENV)/.test: pyproject.toml | $(BIN)/python
 	$(PIP) install --quiet --progress-bar off -e '.[test]'
-	@# torch and Ray are large: where they cannot be had, the tests that need them are skipped
-	-$(PIP) install --quiet --progress-bar off -e '.[test,train,ray]'
+	@# torch, Ray and the site's tools: where they cannot be had, the tests that need them are skipped
+	-$(PIP) install --quiet --progress-bar off -e '.[test,train,ray,docs]'
+	@touch $@
+
+$(VENV)/.docs: pyproject.toml | $(BIN)/python
+	$(PIP) install --quiet --progress-bar off -e '.[docs]'
 	@touch $@
 
 $(VENV)/.bench: pyproject.toml | $(BIN)/python

@@ -1,4 +1,4 @@
-/* The messages of the binary format, version 1, and their frames: services/sensor_gateway/README.md describes both. */
+/* The messages of the binary format, version 1, and their frames: docs/reference/wire-formats.md describes both. */
 #ifndef MESSAGES_H
 #define MESSAGES_H
 

@@ -1,4 +1,4 @@
-"""The README's examples work as printed, against all four services."""
+"""The examples of the README and of the first tutorial work as printed, against all four services."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from pretouch_simulation.services import Services
 from pretouch.geometry import Pose
 
 pytestmark = pytest.mark.timeout(600)
-README = (Path(__file__).resolve().parents[2] / "README.md").read_text()
+ROOT = Path(__file__).resolve().parents[2]
 CAMERA = Pose.from_quaternion([-0.6, 0.0, 0.6], [-0.653, 0.653, -0.271, 0.271])
 
 
-def example(language: str, containing: str) -> str:
-    blocks = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+def example(document: str, language: str, containing: str) -> str:
+    blocks = re.findall(rf"```{language}\n(.*?)```", (ROOT / document).read_text(), re.DOTALL)
     return next(block for block in blocks if containing in block)
 
 
@@ -44,7 +44,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_the_python_example_runs_to_an_end(services: Services, folder: Path) -> None:
-    code = example("python", "RestClient").replace("http://127.0.0.1:8080", services.rest)
+    code = example("README.md", "python", "RestClient").replace("http://127.0.0.1:8080", services.rest)
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=300, check=False
     )
@@ -52,9 +52,19 @@ def test_the_python_example_runs_to_an_end(services: Services, folder: Path) -> 
     assert re.search(r"^(converged|exhausted) [\d.]+ mm expected$", done.stdout, re.MULTILINE), done.stdout
 
 
+def test_the_first_session_of_the_tutorial_ends_well(services: Services, tmp_path: Path) -> None:
+    code = example("docs/tutorials/first-session.md", "python", "make_case")
+    done = subprocess.run(
+        [sys.executable, "-c", code.replace("http://127.0.0.1:8080", services.rest)],
+        cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"converged +expected +[\d.]+ mm", done.stdout), done.stdout
+
+
 @pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
 def test_the_curl_example_opens_a_session(services: Services, folder: Path) -> None:
-    command = example("sh", "curl").replace("http://127.0.0.1:8080", services.rest)
+    command = example("README.md", "sh", "curl").replace("http://127.0.0.1:8080", services.rest)
     done = subprocess.run(["sh", "-c", command], cwd=folder, capture_output=True, text=True, timeout=120, check=False)
     session = json.loads(done.stdout)
     assert session["state"] == "awaiting_scan", session

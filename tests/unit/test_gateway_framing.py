@@ -225,18 +225,18 @@ def test_a_firmware_s_name_is_cut_to_what_fits_and_shown_as_printable_text() -> 
     assert unpack(WHO[:25] + b"\x1b[2J\x7f\xff") == Identity(0, "", 1, 0.03, "?[2J??")
 
 
-README = (Path(__file__).parents[2] / "services/sensor_gateway/README.md").read_text()
+SPECIFICATION = (Path(__file__).parents[2] / "docs/reference/wire-formats.md").read_text()
 
 
 def rows(after: str) -> Iterator[list[str]]:
-    """The cells of the first table of the README after `after`, without its head."""
-    table = re.search(r"(?:^\|.*\n)+", README[README.index(after) :], re.MULTILINE)
+    """The cells of the first table of the specification after `after`, without its head."""
+    table = re.search(r"(?:^\|.*\n)+", SPECIFICATION[SPECIFICATION.index(after) :], re.MULTILINE)
     assert table is not None
     for line in table[0].splitlines()[2:]:
         yield [cell.strip() for cell in line.strip("|").split("|")]
 
 
-def crc_as_the_readme_says(data: bytes) -> int:
+def crc_as_specified(data: bytes) -> int:
     crc = 0xFFFF
     for byte in data:
         crc ^= byte << 8
@@ -245,12 +245,12 @@ def crc_as_the_readme_says(data: bytes) -> int:
     return crc
 
 
-def encoded_as_the_readme_says(body: bytes) -> bytes:
-    data = body + crc_as_the_readme_says(body).to_bytes(2, "little")
+def encoded_as_specified(body: bytes) -> bytes:
+    data = body + crc_as_specified(body).to_bytes(2, "little")
     return b"".join(bytes([len(block) + 1]) + block for block in data.split(b"\0")) + b"\0"
 
 
-README_MESSAGES = {
+SPECIFIED_MESSAGES = {
     "ranges 5 at 1.000000 s: one module, 34.5 mm, status 0": Measurement(0x1234, 5, 1_000_000, (0.0345,), (0,)),
     "ping 3": Ping(3),
     "its reply at 1.000500 s": PingReply(0x1234, 3, 1_000_500),
@@ -261,18 +261,18 @@ README_MESSAGES = {
 }
 
 
-def test_the_readme_s_example_frames_are_what_is_sent_and_read() -> None:
-    assert crc_as_the_readme_says(b"123456789") == 0x29B1
+def test_the_specification_s_example_frames_are_what_is_sent_and_read() -> None:
+    assert crc_as_specified(b"123456789") == 0x29B1
     examples = {name: bytes.fromhex(frame.strip("`")) for name, frame in rows("Examples, byte for byte")}
-    assert examples.keys() == README_MESSAGES.keys()
+    assert examples.keys() == SPECIFIED_MESSAGES.keys()
     for name, frame in examples.items():
-        assert encode(README_MESSAGES[name]) == frame, name
-        assert encoded_as_the_readme_says(pack(README_MESSAGES[name])) == frame, name
+        assert encode(SPECIFIED_MESSAGES[name]) == frame, name
+        assert encoded_as_specified(pack(SPECIFIED_MESSAGES[name])) == frame, name
         (read,) = FrameDecoder().feed(frame)
-        assert repr(read) == repr(README_MESSAGES[name]), name
+        assert repr(read) == repr(SPECIFIED_MESSAGES[name]), name
 
 
-def test_each_field_lies_where_the_readme_s_tables_say() -> None:
+def test_each_field_lies_where_the_specification_s_tables_say() -> None:
     def field(message: Message, table: str, name: str, k: int = 0) -> int:
         offset, size = next((row[0], row[1]) for row in rows(table) if row[2] == name)
         start, _, per_module = offset.partition(" + ")

@@ -1,7 +1,8 @@
 """The binary format: a frame is a message and its CRC-16, COBS-encoded, ended by a zero byte.
 
 COBS (Cheshire and Baker, 1999) removes every zero from the data, so that a zero always ends a frame and a receiver that
-joins in the middle is synchronised at the next one. README.md describes the format for the author of a firmware.
+joins in the middle is synchronised at the next one. docs/reference/wire-formats.md
+describes the format for the author of a firmware.
 """
 
 from __future__ import annotations
