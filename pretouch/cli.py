@@ -11,15 +11,20 @@ import asyncio
 import importlib.util
 import os
 import sys
+from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
-from typing import Annotated, NoReturn
+from shutil import get_terminal_size
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
 from rich.markup import escape
+from typer.core import TyperGroup
 
-from pretouch.errors import PretouchError, Unavailable
+from pretouch.config_file import read_config
+from pretouch.errors import Conflict, InvalidInput, NotFound, PretouchError, Unauthenticated, Unavailable
+from pretouch.interrupts import INTERRUPTED, raising_interrupts
 
 _PORTS = {"orchestrator": 50050, "detector": 50051, "registrar": 50052, "gateway": 50053}
 _SERVE_HELP = {
@@ -50,12 +55,29 @@ _SERVE_HELP = {
     """,
 }
 
+_EPILOG = (
+    "Exit codes: 0 done, 1 failed, 2 wrong usage (an option, or a file that it names), 130 interrupted. "
+    "What runs until it is told to stop (up, serve, gateway watch) ends with 0 when it is."
+)
+_LEAST_WIDTH = 80
+"""Columns of a terminal in which the help is drawn in boxes; narrower ones would cut it."""
+_USAGE = (Conflict, InvalidInput, NotFound, Unauthenticated)
+"""Errors of what the user gave: exit code 2."""
+
 Host = Annotated[str, typer.Option(envvar="PRETOUCH_HOST", help="Address to listen on.")]
 Token = Annotated[
     str | None,
     typer.Option(envvar="PRETOUCH_TOKEN", help="Bearer token that every call must carry.", show_default=False),
 ]
 LogLevel = Annotated[str, typer.Option(envvar="PRETOUCH_LOG_LEVEL", help="debug, info, warning or error.")]
+ServerCert = Annotated[
+    Path | None, typer.Option(envvar="PRETOUCH_TLS_CERT", help="Certificate to serve TLS with.", show_default="no TLS")
+]
+ServerKey = Annotated[Path | None, typer.Option(envvar="PRETOUCH_TLS_KEY", help="Its key.")]
+ClientCa = Annotated[
+    Path | None,
+    typer.Option(envvar="PRETOUCH_TLS_CLIENT_CA", help="Authority whose certificate every client must show."),
+]
 TlsCa = Annotated[Path | None, typer.Option(help="The authority that signed the service's certificate.")]
 TlsCert = Annotated[Path | None, typer.Option(help="A client's certificate, where the service asks for one.")]
 TlsKey = Annotated[Path | None, typer.Option(help="Its key.")]
@@ -73,14 +95,9 @@ def _serve(
         typer.Option(envvar="PRETOUCH_METRICS_PORT", help="Port of the Prometheus page.", show_default="off"),
     ] = None,
     token: Token = None,
-    tls_cert: Annotated[
-        Path | None, typer.Option(envvar="PRETOUCH_TLS_CERT", help="Certificate to serve TLS with.")
-    ] = None,
-    tls_key: Annotated[Path | None, typer.Option(envvar="PRETOUCH_TLS_KEY", help="Its key.")] = None,
-    tls_client_ca: Annotated[
-        Path | None,
-        typer.Option(envvar="PRETOUCH_TLS_CLIENT_CA", help="Authority whose certificate every client must show."),
-    ] = None,
+    tls_cert: ServerCert = None,
+    tls_key: ServerKey = None,
+    tls_client_ca: ClientCa = None,
     workers: Annotated[int, typer.Option(envvar="PRETOUCH_WORKERS", help="Threads for CPU work.")] = 2,
     max_queue: Annotated[
         int, typer.Option(envvar="PRETOUCH_MAX_QUEUE", help="CPU jobs that may wait; more are refused.")
@@ -115,9 +132,20 @@ def _serve(
 
 
 def _up(
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="A TOML file of these options, such as rest-port = 8080; what the command line says comes first.",
+            callback=read_config,
+            is_eager=True,
+        ),
+    ] = None,
     host: Annotated[str, typer.Option(help="Where REST and gRPC of the orchestrator are served.")] = "127.0.0.1",
     rest_port: Annotated[int, typer.Option(help="Port of REST; 0 for a free one.")] = 8080,
-    grpc_port: Annotated[int, typer.Option(help="Port of gRPC; 0 for a free one.")] = 50050,
+    grpc_port: Annotated[int, typer.Option(help="Port of gRPC; 0 for a free one.")] = _PORTS["orchestrator"],
+    gateway_port: Annotated[
+        int, typer.Option(help="Port of the sensor gateway's gRPC on 127.0.0.1; 0 for a free one.")
+    ] = _PORTS["gateway"],
     state: Annotated[
         Path | None, typer.Option(help="Directory of the sessions.", show_default="~/.local/state/pretouch")
     ] = None,
@@ -125,13 +153,26 @@ def _up(
         list[str] | None, typer.Option(help="A finger's serial port as NAME=PORT; may be repeated.")
     ] = None,
     token: Token = None,
+    tls_cert: ServerCert = None,
+    tls_key: ServerKey = None,
+    tls_client_ca: ClientCa = None,
     log_level: LogLevel = "warning",
 ) -> None:
     """Run all four services of one machine until Ctrl-C or SIGTERM."""
+    from pretouch.serving.settings import Settings
     from pretouch.serving.up import Stack, up
 
     home = Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser() / "pretouch"
-    stack = Stack(host, rest_port, grpc_port, state or home, tuple(device or ()), token, log_level)
+    settings = Settings(
+        host=host,
+        port=grpc_port,
+        token=token,
+        tls_cert=tls_cert,
+        tls_key=tls_key,
+        tls_client_ca=tls_client_ca,
+        log_level=log_level,
+    )
+    stack = Stack(settings, rest_port, gateway_port, state or home, tuple(device or ()))
     asyncio.run(up(stack, lambda line: print(line, flush=True)))
 
 
@@ -181,6 +222,18 @@ def _summary(entry: EntryPoint) -> str:
     return (ast.get_docstring(functions[0] if functions else module) or "").partition("\n")[0]
 
 
+class _Commands(TyperGroup):
+    """The commands; an interrupt ends each with one line."""
+
+    def invoke(self, ctx: Any) -> Any:
+        with raising_interrupts():
+            try:
+                return super().invoke(ctx)
+            except KeyboardInterrupt:
+                print("Interrupted.", file=sys.stderr)
+                raise typer.Exit(INTERRUPTED) from None
+
+
 def _show_version(wanted: bool) -> None:
     if wanted:
         print(f"pretouch {version('pretouch')}")
@@ -201,7 +254,9 @@ def _app(called: str | None) -> typer.Typer:
         name="pretouch",
         help="A better object pose for any robot, from a time-of-flight sensor in its fingertip.",
         no_args_is_help=True,
-        add_completion=False,
+        epilog=_EPILOG,
+        cls=_Commands,
+        rich_markup_mode="rich" if get_terminal_size().columns >= _LEAST_WIDTH else None,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
@@ -224,13 +279,26 @@ def _app(called: str | None) -> typer.Typer:
     return app
 
 
+def _called_command() -> str | None:
+    """The name of the command on the command line, or on the one that a shell wants completed."""
+    line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS")
+    words = sys.argv if line is None or "_PRETOUCH_COMPLETE" not in os.environ else line.split()
+    return words[1] if len(words) > 1 else None
+
+
 def main() -> None:
-    """Runs the command line; an error that the user can fix is printed in two lines, with exit code 2."""
-    called = sys.argv[1] if len(sys.argv) > 1 else None
+    """Runs the command line; an error is printed in two lines, with exit code 2 if what the user gave caused it."""
+    called = _called_command()
     try:
-        _app(called)()
+        _app(called)(prog_name="pretouch")
     except PretouchError as error:
         _refuse(error)
+    except OSError as error:  # a disk that is full, standard output that is closed
+        with suppress(OSError):
+            sys.stdout.flush()
+            _refuse(Unavailable(f"{error.filename or 'The output'} cannot be used: {error.strerror}."))
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains again when it ends
+        _refuse(Unavailable(f"Standard output cannot be written: {error.strerror}."))
     except ModuleNotFoundError as error:  # at import or only once the command runs
         for entry in entry_points(group="pretouch.commands", name=called or ""):
             explained = _missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
@@ -244,4 +312,4 @@ def _refuse(error: PretouchError) -> NoReturn:
     console.print(f"[bold red]{escape(error.detail)}[/]")
     if error.remedy:
         console.print(escape(error.remedy))
-    sys.exit(2)
+    sys.exit(2 if isinstance(error, _USAGE) else 1)

@@ -10,16 +10,17 @@ import socket
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-import httpx
-
 from pretouch.errors import DeadlineExceeded, InvalidInput
+from pretouch.results import check_folder
 from pretouch.serving.child import Child
 from pretouch.serving.logs import configure_logs
 from pretouch.serving.settings import Settings
+from pretouch.tls import server_credentials
 
 _READY_WITHIN = 300.0  # s; a first start may compile the registrar's kernels
 _NOT_FOR_CHILDREN = {
@@ -34,30 +35,29 @@ class Stack:
     """What `pretouch up` brings up.
 
     Attributes:
-        host: where REST and gRPC of the orchestrator are served; the other services are on loopback.
-        rest_port, grpc_port: of the orchestrator; 0 for free ones.
+        settings: of the orchestrator. Its host is REST's too; its token and log level are all services'; its TLS is for
+            those who call it: the other services are on loopback, where they speak plainly.
+        rest_port, gateway_port: 0 for free ones.
         state: directory of the orchestrator's sessions.
         devices: `name=port` of each serial device, for the gateway.
-        token: bearer token that every service asks for; None for none.
-        log_level: log lines below it are left out.
 
     Raises:
-        InvalidInput: an invalid port, token or device.
+        InvalidInput: an invalid port or device.
     """
 
-    host: str
+    settings: Settings
     rest_port: int
-    grpc_port: int
+    gateway_port: int
     state: Path
     devices: Sequence[str] = ()
-    token: str | None = None
-    log_level: str = "warning"
 
     def __post_init__(self) -> None:
-        for port in (self.rest_port, self.grpc_port):
-            Settings(host=self.host, port=port, token=self.token, log_level=self.log_level)
-        if self.rest_port == self.grpc_port != 0:
-            raise InvalidInput(f"REST and gRPC both have port {self.rest_port}.", "Give them different ports.")
+        ports = {"REST": self.rest_port, "gRPC": self.settings.port, "the gateway": self.gateway_port}
+        for port in ports.values():
+            replace(self.settings, port=port)
+        for (one, port), (other, same) in combinations(ports.items(), 2):
+            if port == same != 0:
+                raise InvalidInput(f"{one} and {other} both have port {port}.", "Give them different ports.")
         for device in self.devices:
             name, _, url = device.partition("=")
             if not name or not url or "," in device:
@@ -67,14 +67,18 @@ class Stack:
 
 
 async def up(stack: Stack, announce: Callable[[str], None]) -> None:
-    """Runs `stack` until SIGTERM or SIGINT; `announce` is given one line once REST says that it is ready.
+    """Runs `stack` until SIGTERM or SIGINT; `announce` is given one line once all services are ready.
 
     Raises:
+        InvalidInput: TLS material that cannot be used, or a state directory that cannot be written.
         Unavailable: a service ended before it was ready.
         DeadlineExceeded: a service was not ready after five minutes.
     """
-    configure_logs("up", stack.log_level)
-    logging.getLogger("httpx").setLevel(logging.WARNING)
+    outer = stack.settings
+    if outer.tls_cert is not None and outer.tls_key is not None:
+        server_credentials(outer.tls_cert, outer.tls_key, outer.tls_client_ca)
+    check_folder(stack.state)
+    configure_logs("up", outer.log_level)
     task = asyncio.current_task()
     assert task is not None
     stopping = False
@@ -112,38 +116,34 @@ async def _start(stack: Stack, children: list[Child]) -> str:
     """Starts the children, each as soon as what it needs is there; the ready line."""
     common = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
     common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core logs every peer that leaves, in its own format
-    common["PRETOUCH_LOG_LEVEL"] = "debug" if stack.log_level == "debug" else "info"
-    if stack.token is not None:
-        common["PRETOUCH_TOKEN"] = stack.token
+    common["PRETOUCH_LOG_LEVEL"] = "debug" if stack.settings.log_level == "debug" else "info"
+    if stack.settings.token is not None:
+        common["PRETOUCH_TOKEN"] = stack.settings.token
 
     def start(name: str, host: str, port: int, own: dict[str, str]) -> Child:
-        prefix = f"PRETOUCH_{name.upper()}_"
-        environment = common | {prefix + key: value for key, value in own.items()}
-        children.append(Child(name, host, port, environment, _forward(stack.log_level)))
-        return children[-1]
+        child = Child(name, host, port, common | own, _forward(stack.settings.log_level))
+        children.append(child)
+        return child
 
+    devices = {"PRETOUCH_GATEWAY_DEVICES": ",".join(stack.devices)} if stack.devices else {}
     inner = [
         start("detector", "127.0.0.1", 0, {}),
         start("registrar", "127.0.0.1", 0, {}),
-        start("gateway", "127.0.0.1", 0, {"DEVICES": ",".join(stack.devices)} if stack.devices else {}),
+        start("gateway", "127.0.0.1", stack.gateway_port, devices),
     ]
-    addresses = {child.name.upper(): f"127.0.0.1:{await child.wait_until_ready()}" for child in inner}
-    rest_port = stack.rest_port or _free_port(stack.host)
-    own = {"REST_HOST": stack.host, "REST_PORT": str(rest_port), "STATE": str(stack.state), **addresses}
-    grpc_port = await start("orchestrator", stack.host, stack.grpc_port, own).wait_until_ready()
-    rest = f"http://{Settings(host=_reachable_address(stack.host)).address(rest_port)}"
-    await _wait_for_rest(rest)
-    grpc = Settings(host=_reachable_address(stack.host)).address(grpc_port)
-    return f"pretouch is ready: REST {rest}, gRPC {grpc}, gateway {addresses['GATEWAY']}"
-
-
-async def _wait_for_rest(rest: str) -> None:
-    async with httpx.AsyncClient(timeout=5.0, trust_env=False) as client:
-        while True:
-            with suppress(httpx.HTTPError):
-                if (await client.get(f"{rest}/readyz")).status_code == 200:
-                    return
-            await asyncio.sleep(0.1)
+    addresses = {child.name: f"127.0.0.1:{await child.wait_until_ready()}" for child in inner}
+    outer = stack.settings
+    rest_port = stack.rest_port or _free_port(outer.host)
+    own = {"REST_HOST": outer.host, "REST_PORT": str(rest_port), "STATE": str(stack.state)}
+    own |= {name.upper(): address for name, address in addresses.items()}
+    tls = {"CERT": outer.tls_cert, "KEY": outer.tls_key, "CLIENT_CA": outer.tls_client_ca}
+    variables = {f"PRETOUCH_ORCHESTRATOR_{key}": value for key, value in own.items()}
+    variables |= {f"PRETOUCH_TLS_{key}": str(path) for key, path in tls.items() if path is not None}
+    orchestrator = start("orchestrator", outer.host, outer.port, variables)
+    grpc_port = await orchestrator.wait_until_ready()
+    reachable = replace(outer, host=_reachable_address(outer.host))
+    rest = f"{'http' if outer.tls_cert is None else 'https'}://{reachable.address(rest_port)}"
+    return f"pretouch is ready: REST {rest}, gRPC {reachable.address(grpc_port)}, gateway {addresses['gateway']}"
 
 
 def _reachable_address(host: str) -> str:

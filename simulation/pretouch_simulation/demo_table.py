@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from pretouch_simulation.demo import Recording
 
 
 def live_table(recordings: Sequence[Recording]) -> Table:
-    """One line per state of each session; its last line says how it ended."""
-    table = Table(title="Error of the object's points, mm", title_justify="left")
+    """One line per state of each session; its last line says how it ended. It fits 60 columns."""
+    layout: dict[str, Any] = {"box": SIMPLE_HEAD, "show_edge": False, "padding": (0, 1, 0, 0)}
+    table = Table(title="Error of the object's points, mm", title_justify="left", **layout)
     for name in ("session", "scan", "region"):
         table.add_column(name, no_wrap=True)
     for name in ("share", "robot s", "expected", "true"):
@@ -22,7 +25,7 @@ def live_table(recordings: Sequence[Recording]) -> Table:
             table.add_row(
                 recording.title if k == 0 else str(state.state) if state.state.ended else "",
                 str(k) if k else "none",
-                state.scans[-1].region_id if state.scans else "",
+                state.scans[-1].region_id.removeprefix("region-") if state.scans else "",
                 f"{state.budget_used.fraction:.1%}",
                 f"{state.budget_used.seconds:.1f}",
                 f"{1000 * expected:.1f}",

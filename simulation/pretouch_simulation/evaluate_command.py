@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
+import os
 import shlex
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,6 +15,8 @@ from pretouch_registrar.engines import Engine
 from rich.console import Console
 
 from pretouch.errors import InvalidInput
+from pretouch.interrupts import INTERRUPTED
+from pretouch.results import STANDARD_OUTPUT, check_file, write_json
 from pretouch.session import Planner, Proposer
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.evaluation_pool import PartialResults
@@ -31,7 +32,6 @@ from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import Split
 from pretouch_simulation.tip_height import TipHeight
 
-_INTERRUPTED = 130
 _FILE_WIDTH = 160
 _VIEWS, _SCANS, _SEEDS = 3, 5, 3
 _ENGINE = "How scans are matched; repeatable, the rows of all go into one file."
@@ -40,8 +40,16 @@ _TIP = "From what its height is planned; low is for comparison: from what is exp
 
 
 def evaluate(
-    out: Annotated[Path, typer.Option("--json", help="Where the rows go; OUT.partial keeps those of a stopped run.")],
-    meshes: Annotated[Path | None, typer.Option(help="Folder of PLY, OBJ or STL files, in metres.")] = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--json",
+            help="Where the rows go; OUT.partial keeps those of a stopped run. - is standard output, and keeps none.",
+        ),
+    ],
+    meshes: Annotated[
+        Path | None, typer.Option(help="Folder of meshes in metres: .ply, .obj, .stl, .off, .glb, .3mf.")
+    ] = None,
     frames: Annotated[Path | None, typer.Option(help=_FRAMES)] = None,
     views: Annotated[int | None, typer.Option(min=1, help=f"Views of each mesh. Left out: {_VIEWS}.")] = None,
     seeds: Annotated[
@@ -60,7 +68,10 @@ def evaluate(
         list[FingerModel] | None, typer.Option(help="The simulated fingertip; repeatable. Left out: ideal.")
     ] = None,
     tip: Annotated[TipHeight, typer.Option(help=_TIP)] = TipHeight.SAFE,
-    seed: Annotated[int, typer.Option(help="Another seed gives other views and offsets.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(help="Fixes views, offsets, noise and proposals: two runs agree to the bit, for any --workers."),
+    ] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; left out: one for each core.")] = None,
     only: Annotated[
         list[str] | None, typer.Option(help="Only this mesh or frame (file name without suffix); repeatable.")
@@ -129,17 +140,19 @@ def evaluate(
         for finger in sensors
         for one in engines
     ]
+    check_file(out)
+    if details is not None:
+        check_file(details)
     kept = PartialResults(out, first)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         runs = run_with_progress(tasks, protocols, workers, kept, console)
     except KeyboardInterrupt:
         total = len(tasks) * len(protocols)
-        console.print(
-            f"Interrupted. {len(kept.runs)} of {total} runs are kept in {kept.path}; the same command goes on."
-        )
-        raise typer.Exit(_INTERRUPTED) from None
-    _write(out, shlex.join(["pretouch", *sys.argv[1:]]), seed, runs)
+        said = f"are kept in {kept.path}; the same command goes on" if kept.path else "were made; none is kept"
+        console.print(f"Interrupted. {len(kept.runs)} of {total} runs {said}.", markup=False, soft_wrap=True)
+        raise typer.Exit(INTERRUPTED) from None
+    rows = [row.as_dict() for run in runs for row in run.rows]
+    write_json(out, {"command": shlex.join(["pretouch", *sys.argv[1:]]), "seed": seed, "rows": rows})
     if details is not None:
         write_details(details, runs)
     kept.remove()
@@ -159,15 +172,9 @@ def _refuse_mixture(meshes: bool, frames: bool, *, for_meshes: dict[str, Any], f
         raise InvalidInput(f"{', '.join(wrong)} cannot go with {here}.", f"Leave it out, or give {there} instead.")
 
 
-def _write(out: Path, command: str, seed: int, runs: Sequence[Run]) -> None:
-    rows: list[dict[str, Any]] = [row.as_dict() for run in runs for row in run.rows]
-    draft = out.with_name(out.name + ".new")
-    draft.write_text(json.dumps({"command": command, "seed": seed, "rows": rows}, indent=1) + "\n")
-    draft.replace(out)
-
-
 def _report(runs: Sequence[Run], protocol: Protocol, out: Path) -> None:
-    console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    known = sys.stdout.isatty() or "COLUMNS" in os.environ
+    console = Console(width=None if known else _FILE_WIDTH, stderr=out == STANDARD_OUTPUT)
     setups = by_setup(runs)
     single = len(setups) == 1
     if setups:
@@ -176,8 +183,8 @@ def _report(runs: Sequence[Run], protocol: Protocol, out: Path) -> None:
         tables += [by_scan(runs, scans), honesty_table(runs, scans)]
         if protocol.tolerance != NEVER_CONVERGED:
             tables.append(convergence_table(runs, protocol.tolerance))
-        for table in tables:
-            console.print(table.rich())
+        for part in (part for table in tables for part in table.rich(console.width)):
+            console.print(part)
     for run in runs:
         name = f"{run.mesh}, view {run.view}" + (f", frame {run.frame}" if run.frame else "")
         name += "" if single else f", {run.engine}, {run.camera}, {run.sensor}"
@@ -185,4 +192,5 @@ def _report(runs: Sequence[Run], protocol: Protocol, out: Path) -> None:
             console.print(f"{name} failed: {run.problem}", style="red", markup=False, soft_wrap=True)
         elif not run.rows:
             console.print(f"{name}: no scan could be planned; it has no row.", style="yellow")
-    console.print(f"The rows are in {out}.", markup=False, soft_wrap=True)
+    if out != STANDARD_OUTPUT:
+        console.print(f"The rows are in {out}.", markup=False, soft_wrap=True)

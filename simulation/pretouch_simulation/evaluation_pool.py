@@ -6,6 +6,7 @@ from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from pretouch.results import STANDARD_OUTPUT
 from pretouch_simulation.evaluation import key_of, run_task, warm_up
 from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.evaluation_rows import Run, RunKey
@@ -23,7 +24,7 @@ class PartialResults:
     Runs of other engines, sensors and cameras may be added to those of an earlier evaluation.
 
     Args:
-        out: the file that the evaluation will write.
+        out: the file that the evaluation will write; beside standard output or a device nothing is kept.
         option: of the command line, that names it.
 
     Raises:
@@ -32,11 +33,13 @@ class PartialResults:
 
     def __init__(self, out: Path, protocol: Protocol, option: str = "--json") -> None:
         settings = {name: value for name, value in asdict(protocol).items() if name not in _VARIED}
-        self._kept = PartialRows(out.with_name(out.name + ".partial"), {"protocol": settings}, option)
+        streamed = out == STANDARD_OUTPUT or (out.exists() and not out.is_file())
+        path = None if streamed else out.with_name(out.name + ".partial")
+        self._kept = PartialRows(path, {"protocol": settings}, option)
         self.runs: dict[RunKey, Run] = {run.key: run for run in map(Run.from_dict, self._kept.rows)}
 
     @property
-    def path(self) -> Path:
+    def path(self) -> Path | None:
         return self._kept.path
 
     def add(self, run: Run) -> None:

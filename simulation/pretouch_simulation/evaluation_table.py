@@ -24,20 +24,32 @@ _COSTS = ("covered", "expected", "share", "robot s")
 
 @dataclass(frozen=True)
 class Table:
-    """Cells under their headings; `first` of the columns hold text, the others numbers."""
+    """Cells under their headings; `text` of the columns hold text, the others numbers; `keys` of them name a line."""
 
     title: str
     headings: tuple[str, ...]
     lines: tuple[tuple[str, ...], ...]
-    first: int = 1
+    text: int = 1
+    keys: int = 1
 
-    def rich(self) -> RichTable:
-        """For a terminal."""
-        table = RichTable(title=self.title, title_justify="left")
-        for k, heading in enumerate(self.headings):
-            table.add_column(heading, justify="left" if k < self.first else "right", no_wrap=True)
+    def rich(self, width: int) -> list[RichTable]:
+        """For a terminal: in as many parts, one below the other, as no column need be cut, each with the keys."""
+        parts: list[list[int]] = [[]]
+        for column in range(self.keys, len(self.headings)):
+            if parts[-1] and self._width([*range(self.keys), *parts[-1], column]) > width:
+                parts.append([])
+            parts[-1].append(column)
+        return [self._part([*range(self.keys), *part], self.title if part is parts[0] else None) for part in parts]
+
+    def _width(self, columns: list[int]) -> int:
+        return 1 + sum(3 + max(len(line[k]) for line in (self.headings, *self.lines)) for k in columns)
+
+    def _part(self, columns: list[int], title: str | None) -> RichTable:
+        table = RichTable(title=title, title_justify="left")
+        for k in columns:
+            table.add_column(self.headings[k], justify="left" if k < self.text else "right", no_wrap=True)
         for line in self.lines:
-            table.add_row(*line)
+            table.add_row(*(line[k] for k in columns))
         return table
 
     def markdown(self) -> str:
@@ -58,7 +70,7 @@ def by_scan(runs: Sequence[Run], scans: Sequence[int]) -> Table:
         cells = [*_setup_cells(one.setup, varied), str(one.scan), str(one.n), str(one.made), *_errors(one, fitted)]
         lines.append((*cells, *_costs(one), _number(one.compute_p50), _number(one.compute_p95)))
     headings = (*varied, "scan", "n", "made", *_error_headings(fitted), *_COSTS, "ms p50", "ms p95")
-    return Table("After each scan", headings, tuple(lines), len(varied))
+    return Table("After each scan", headings, tuple(lines), len(varied), len(varied) + 1)
 
 
 def by_object(runs: Sequence[Run], scans: int) -> Table:
@@ -93,7 +105,7 @@ def honesty_table(runs: Sequence[Run], scans: Sequence[int]) -> Table:
     ]
     regions = tuple(f"{whom}in {level} %" for whom in ("", "hardest ") for level in (50, 80, 95))
     headings = (*varied, "scan", "n", *regions, "stated cm", "true cm", "sure, wrong")
-    return Table("Truth in the stated regions", headings, tuple(lines), len(varied))
+    return Table("Truth in the stated regions", headings, tuple(lines), len(varied), len(varied) + 1)
 
 
 def convergence_table(runs: Sequence[Run], tolerance: float) -> Table:
@@ -109,7 +121,7 @@ def convergence_table(runs: Sequence[Run], tolerance: float) -> Table:
     ]
     within = f"within {1000 * tolerance:g} mm" + (" + 2 mm, fitted" if any(run.frame for run in runs) else "")
     headings = (*varied, "n", "converged", f"of those {within}", "robot s median", "p90")
-    return Table("Convergence", headings, tuple(lines), len(varied))
+    return Table("Convergence", headings, tuple(lines), len(varied), len(varied))
 
 
 def _varied(runs: Sequence[Run]) -> tuple[str, ...]:

@@ -51,11 +51,19 @@ class FingerProcess:
         """
         with tempfile.TemporaryFile() as errors:
             self._process = process = subprocess.Popen(
-                self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors
+                self._command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                start_new_session=True,  # Ctrl-C in a terminal reaches this process alone, which ends the finger
             )
             assert process.stdout is not None
-            ready, _, _ = select.select([process.stdout], [], [], _START_TIMEOUT)
-            line = process.stdout.readline() if ready else b""
+            try:
+                ready, _, _ = select.select([process.stdout], [], [], _START_TIMEOUT)
+                line = process.stdout.readline() if ready else b""
+            except KeyboardInterrupt:
+                self.close()
+                raise
             if not line:
                 self.close()
                 errors.seek(0)

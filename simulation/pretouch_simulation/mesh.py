@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pretouch_registrar.files import MESH_SUFFIXES, read_shape
+from pretouch_registrar.files.shape import check_size
 
-from pretouch.errors import InvalidInput, Malformed, NotFound
+from pretouch.errors import InvalidInput, Malformed
 from pretouch.geometry import Array, Pose, frozen_array
-from pretouch_simulation.open3d_loader import open3d
 
-SUFFIXES = (".ply", ".obj", ".stl")
 MAX_EXTENT = 2.0
 """m; a tabletop object is smaller, a mesh in millimetres is larger."""
 
@@ -83,28 +83,17 @@ class Mesh:
 
 
 def load_mesh(path: Path) -> Mesh:
-    """Reads a PLY, OBJ or STL file, in metres.
+    """Reads a file of triangles with one of the suffixes MESH_SUFFIXES, in metres.
 
     Raises:
         NotFound: no such file.
         InvalidInput: another suffix, or an object larger than `MAX_EXTENT`: probably not in metres.
         Malformed: the file cannot be read, or holds no triangles.
     """
-    if not path.is_file():
-        raise NotFound(f"There is no mesh {path}.", "Check the path.")
-    if path.suffix.lower() not in SUFFIXES:
-        raise InvalidInput(
-            f"{path.name} is not a mesh that can be read.", f"Give one of {', '.join(SUFFIXES)}, in metres."
-        )
-    o3d = open3d()
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        read = o3d.io.read_triangle_mesh(str(path), enable_post_processing=False)
-    if not read.has_triangles():
-        raise Malformed(f"{path.name} holds no triangles.", "Export it as a triangle mesh.")
-    mesh = Mesh(np.asarray(read.vertices), np.asarray(read.triangles))
-    if mesh.extents.max() > MAX_EXTENT:
-        raise InvalidInput(
-            f"{path.name} is {mesh.extents.max():.3g} m long; a tabletop object is at most {MAX_EXTENT:g} m.",
-            "Scale the mesh to metres.",
-        )
-    return mesh
+    if path.suffix.lower() not in MESH_SUFFIXES:
+        raise InvalidInput(f"{path.name} is no file of triangles.", f"Give one of {', '.join(MESH_SUFFIXES)}.")
+    shape = read_shape(path)
+    if shape.faces is None:
+        raise Malformed(f"{path.name} holds points, but no triangles.", "Export it as a triangle mesh.")
+    check_size(path.name, shape.points, MAX_EXTENT)
+    return Mesh(shape.points, shape.faces)

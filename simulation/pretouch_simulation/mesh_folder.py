@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from pretouch_registrar.files import MESH_SUFFIXES
+
 from pretouch.errors import InvalidInput, NotFound
-from pretouch_simulation.mesh import SUFFIXES
 from pretouch_simulation.split import Split, mixing_key, split_of
 
 _NAMED = 20
@@ -27,10 +28,12 @@ def meshes_in(
         InvalidInput: two files of the same stem, which is a mesh's name.
     """
     if not folder.is_dir():
-        raise NotFound(f"There is no folder {folder}.", "Give a folder of PLY, OBJ or STL files in metres.")
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file())
+        raise NotFound(
+            f"There is no folder {folder}.", f"Give a folder with {', '.join(MESH_SUFFIXES)} files, in metres."
+        )
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in MESH_SUFFIXES and path.is_file())
     if not files:
-        raise NotFound(f"{folder} holds no mesh.", f"Give a folder with {', '.join(SUFFIXES)} files, in metres.")
+        raise NotFound(f"{folder} holds no mesh.", f"Give a folder with {', '.join(MESH_SUFFIXES)} files, in metres.")
     by_name = {path.stem: path for path in files}
     if len(by_name) < len(files):
         twice = next(path.stem for path in files if by_name[path.stem] != path)

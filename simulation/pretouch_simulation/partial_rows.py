@@ -13,7 +13,7 @@ class PartialRows:
     """One JSON line for each row after a line with the settings, in a file beside the results.
 
     Args:
-        path: of the file; it is made if it is not there.
+        path: of the file; it is made if it is not there. None keeps the rows in memory alone.
         settings: what the rows depend on.
         option: of the command line, that names where the results go.
 
@@ -21,9 +21,11 @@ class PartialRows:
         Conflict: the file holds rows made with other settings.
     """
 
-    def __init__(self, path: Path, settings: dict[str, Any], option: str = "--out") -> None:
+    def __init__(self, path: Path | None, settings: dict[str, Any], option: str = "--out") -> None:
         self.path = path
         self.rows: list[dict[str, Any]] = []
+        if path is None:
+            return
         header = json.dumps(settings, sort_keys=True)
         lines = [header]
         if path.exists():
@@ -39,8 +41,10 @@ class PartialRows:
 
     def add(self, row: dict[str, Any]) -> None:
         self.rows.append(row)
-        with self.path.open("a") as file:
-            file.write(json.dumps(row) + "\n")
+        if self.path is not None:
+            with self.path.open("a") as file:
+                file.write(json.dumps(row) + "\n")
 
     def remove(self) -> None:
-        self.path.unlink(missing_ok=True)
+        if self.path is not None:
+            self.path.unlink(missing_ok=True)

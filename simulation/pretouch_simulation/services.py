@@ -50,7 +50,7 @@ class Services:
         with self._stack:
             state = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="pretouch-")))
             log = state / "services.log"
-            options = ["--rest-port", "0", "--grpc-port", "0", "--state", str(state / "state")]
+            options = ["--rest-port", "0", "--grpc-port", "0", "--gateway-port", "0", "--state", str(state / "state")]
             options += [part for device in self._devices for part in ("--device", device)]
             process = subprocess.Popen(
                 [sys.executable, "-m", "pretouch", "up", *options],
@@ -76,8 +76,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.send_signal(signal.SIGTERM)
     try:
         process.wait(_END_TIMEOUT)
-    except subprocess.TimeoutExpired:
-        process.kill()
+    except (subprocess.TimeoutExpired, KeyboardInterrupt):
+        process.kill()  # its services end with it
         process.wait()
     assert process.stdout is not None
     process.stdout.close()

@@ -40,15 +40,16 @@ def run_in_workers(
             min(workers, len(calls)), mp_context=context, initializer=_begin, initargs=(prepare, arguments)
         )
         try:
-            for future in as_completed([pool.submit(function, *call) for call in calls]):
+            with _interrupts_held_back():
+                futures = [pool.submit(function, *call) for call in calls]
+            for future in as_completed(futures):
                 yield future.result()
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _begin(prepare: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    """Ignores interrupts, which the parent handles, and ends with the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ends with the parent."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
@@ -58,6 +59,16 @@ def _begin(prepare: Callable[..., None], arguments: tuple[Any, ...]) -> None:
 def _end_with(parent: Any) -> None:
     parent.join()
     os._exit(1)
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Workers that are started within the block never see an interrupt, not even before they can ignore it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

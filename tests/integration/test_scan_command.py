@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from helpers.mesh_cases import blind_scans, mesh_target_of
 from PIL import Image
 from pretouch_simulation.objects import MAKERS
-from pretouch_simulation.open3d_loader import open3d
 from pretouch_simulation.protocol import Case, make_case
 
 from pretouch.cli import main
@@ -50,10 +50,27 @@ class Files:
         return ["--object-pose", *map(str, [*pose.translation, *pose.quaternion])]
 
 
+_PLY = """ply
+format binary_little_endian 1.0
+element vertex {n}
+property double x
+property double y
+property double z
+end_header
+"""
+_PCD = """VERSION 0.7
+FIELDS x y z
+SIZE 8 8 8
+TYPE F F F
+WIDTH {n}
+HEIGHT 1
+DATA binary
+"""
+
+
 def write_cloud(path: Path, points: Array) -> str:
-    o3d = open3d()
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.array(points)))
-    assert o3d.io.write_point_cloud(str(path), cloud, compressed=True)
+    header = _PCD if path.suffix == ".pcd" else _PLY
+    path.write_bytes(header.format(n=len(points)).encode() + np.asarray(points, dtype="<f8").tobytes())
     return str(path)
 
 
@@ -69,11 +86,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     write_cloud(folder / "cloud.ply", case.cloud)
     write_cloud(folder / "cloud.pcd", case.cloud)
     np.savez(folder / "cloud.npz", points=case.cloud)
-    o3d = open3d()
-    shape = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(mesh.vertices.copy()), o3d.utility.Vector3iVector(mesh.faces.astype(np.int32))
-    )
-    assert o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), shape)
+    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(folder / "mesh.ply")
     for k, scan in enumerate(blind_scans(case)):
         np.savez(folder / f"scan{k}.npz", origins=scan.origins, directions=scan.directions, ranges=scan.ranges)
         write_cloud(folder / f"scan{k}.ply", scan.points())
@@ -122,7 +135,7 @@ def test_every_form_of_a_target_finds_the_correction(
     register: Any, files: Files, target: str, source: str, options: list[str]
 ) -> None:
     given = [word for option in options for word in getattr(files, option)]
-    done = register(files.folder / target, *files.scans(source), *given, "--json")
+    done = register(files.folder / target, *files.scans(source), *given, "--json", "-")
     assert done.code == 0, done.err
     estimate = done.estimate
     assert files.case.error(Pose.identity()) > 0.018
@@ -138,16 +151,63 @@ def test_every_form_of_a_target_finds_the_correction(
 
 
 def test_what_was_taken_for_granted_is_said_beside_the_document(register: Any, files: Files) -> None:
-    done = register(files.folder / "cloud.ply", *files.scans(".ply"), "--json")
+    done = register(files.folder / "cloud.ply", *files.scans(".ply"), "--json", "-")
     assert done.code == 0
     assert "the table is taken to be level at its lowest points, z = 0.01" in done.err
     assert "--viewpoint" in done.err
     assert files.case.error(done.estimate.base_T_correction) < files.case.error(Pose.identity()) / 2
 
 
+def test_a_view_without_a_table_takes_it_at_the_objects_lowest_points(
+    register: Any, files: Files, tmp_path: Path
+) -> None:
+    bare = changed(files, tmp_path, table=None)
+    done = register(bare, *files.scans(".npz"), "--json", "-")
+    assert done.code == 0, done.err
+    assert "the table is taken to be level at its lowest points" in done.err
+    assert files.case.error(done.estimate.base_T_correction) < files.case.error(Pose.identity()) / 2
+    given = register(bare, *files.scans(".npz"), *files.table, "--json", "-")
+    assert "taken to be" not in given.err
+    assert given.document == register(files.folder / "view.npz", *files.scans(".npz"), "--json", "-").document
+
+
+def test_a_document_goes_to_a_file_beside_the_table(register: Any, files: Files, tmp_path: Path) -> None:
+    arguments = [files.folder / "view.npz", *files.scans(".npz", 1), "--json"]
+    out = tmp_path / "new" / "estimate.json"
+    done = register(*arguments, out)
+    assert done.code == 0, done.err
+    assert "expected error" in done.out
+    assert json.loads(out.read_text()) == register(*arguments, "-").document
+
+
+@pytest.mark.parametrize("option", ["--json", "--report"])
+@pytest.mark.parametrize("place", ["/proc/a.png", "/dev/null/a.png", "."])
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(
+    register: Any, tmp_path: Path, option: str, place: str
+) -> None:
+    done = register(tmp_path / "none.npz", tmp_path / "none.npz", option, place)
+    assert done.code == 2
+    assert f"{place} cannot be written" in done.err
+
+
+def test_a_full_disk_fails_in_two_lines(register: Any, files: Files) -> None:
+    done = register(files.folder / "view.npz", *files.scans(".npz", 1), "--json", "/dev/full")
+    assert done.code == 1
+    assert "/dev/full cannot be written: No space left" in done.err
+    assert Path("/dev/full").is_char_device()
+
+
+def test_the_table_fits_sixty_columns(register: Any, files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    pose = ["--object-pose", *["0.123456", "0.2", "0.3", "0", "0", "0", "1"]]
+    done = register(files.folder / "view.npz", *files.scans(".npz", 1), *pose)
+    assert max(map(len, done.out.splitlines())) <= 60
+    assert "…" not in done.out
+
+
 def test_the_table_that_people_read_says_the_same(register: Any, files: Files) -> None:
     arguments = [files.folder / "view.npz", *files.scans(".npz", 1)]
-    estimate = register(*arguments, "--json").estimate
+    estimate = register(*arguments, "--json", "-").estimate
     text = " ".join(register(*arguments).out.split())
     assert f"{1000 * estimate.expected_error:.2f} mm" in text
     assert f"{1000 * estimate.error_quantile:.2f} mm" in text
@@ -176,13 +236,13 @@ def test_other_places_a_bad_fit_and_samples_that_are_no_measurements_are_said(
     assert "(12.00, 0.00, -3.00) mm, weight 0.20" in text
     assert "0.00123" in text
     assert "no measurements: All 90 ranges are 31 mm" in done.err
-    document = register(*arguments, "--json").document
+    document = register(*arguments, "--json", "-").document
     assert [mode["weight"] for mode in document["modes"]] == [0.8, 0.2]
     assert document["fit"] == 0.00123
 
 
 def test_options_reach_the_engine(register: Any, files: Files) -> None:
-    arguments = [files.folder / "view.npz", *files.scans(".npz"), "--json"]
+    arguments = [files.folder / "view.npz", *files.scans(".npz"), "--json", "-"]
     plain = register(*arguments).estimate
     tight = register(*arguments, "--translation-std", 0.0001, "--rotation-std", 0.0001).estimate
     assert np.linalg.norm(tight.base_T_correction.apply(tight.centroid) - tight.centroid) < 0.001
@@ -201,7 +261,7 @@ def test_a_report_shows_before_and_after(register: Any, files: Files, tmp_path: 
     height = len(pixels)
     for half, colour in ((pixels[: height // 2], (0xD1, 0x49, 0x5B)), (pixels[height // 2 :], (0x00, 0x79, 0x8C))):
         assert (np.abs(half - colour).sum(axis=2) < 30).sum() > 200
-    nowhere = register(*arguments, tmp_path / "none" / "report.png")
+    nowhere = register(*arguments, picture / "report.png")
     other = register(*arguments, tmp_path / "report.gif")
     assert [nowhere.code, other.code] == [2, 2]
     assert "cannot be written" in nowhere.err
@@ -214,7 +274,7 @@ def test_a_report_without_matplotlib_names_the_extra(
     monkeypatch.delitem(sys.modules, "pretouch_registrar.report_picture", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     done = register(files.folder / "view.npz", *files.scans(".npz", 1), "--report", tmp_path / "a.png")
-    assert done.code == 2
+    assert done.code == 1
     assert "pip install 'pretouch[report]'" in done.err
 
 
@@ -226,7 +286,7 @@ def test_the_command_needs_neither_matplotlib_nor_open3d() -> None:
 def test_as_a_process_stdout_is_one_document(files: Files) -> None:
     command = [sys.executable, "-m", "pretouch", "scan", "register", str(files.folder / "cloud.ply")]
     done = subprocess.run(
-        [*command, *files.scans(".ply", 1), "--json"], capture_output=True, timeout=120, check=False, text=True
+        [*command, *files.scans(".ply", 1), "--json", "-"], capture_output=True, timeout=120, check=False, text=True
     )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["samples"] > 50
@@ -238,7 +298,7 @@ def test_scans_elsewhere_change_nothing_and_this_is_said(
     register: Any, files: Files, tmp_path: Path, offset: tuple[float, float, float]
 ) -> None:
     elsewhere = write_cloud(tmp_path / "far.ply", files.case.cloud + offset)
-    done = register(files.folder / "view.npz", elsewhere, "--json")
+    done = register(files.folder / "view.npz", elsewhere, "--json", "-")
     before = from_prior(Prior(), files.case.cloud)
     assert done.code == 0
     assert done.estimate.expected_error > 0.8 * before.expected_error
@@ -247,27 +307,20 @@ def test_scans_elsewhere_change_nothing_and_this_is_said(
         assert done.estimate.base_T_correction.is_close(Pose.identity())
 
 
-def _ply(points: Array) -> bytes:
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-    return (header + "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n").encode() + points.astype(
-        "<f4"
-    ).tobytes()
-
-
 def test_ten_million_points_are_thinned_and_it_is_said(register: Any, files: Files, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     cloud = files.case.cloud.astype(np.float32)
     many = tmp_path / "many.ply"
     points = cloud[rng.integers(len(cloud), size=10_000_000)]
     points += rng.uniform(-0.001, 0.001, points.shape).astype(np.float32)
-    many.write_bytes(_ply(points))
-    done = register(many, *files.scans(".npz"), *files.table, *files.viewpoint, "--json")
+    write_cloud(many, points)
+    done = register(many, *files.scans(".npz"), *files.table, *files.viewpoint, "--json", "-")
     assert done.code == 0, done.err
     assert "10000000 points were thinned out to 1000000" in done.err
     assert files.case.error(done.estimate.base_T_correction) < files.case.error(Pose.identity()) / 2
     scan = tmp_path / "scan.ply"
-    scan.write_bytes(_ply(points[:50_000]))
-    done = register(files.folder / "view.npz", scan, "--json")
+    write_cloud(scan, points[:50_000])
+    done = register(files.folder / "view.npz", scan, "--json", "-")
     assert "50000 samples were thinned out to 20000" in done.err
 
 
@@ -283,13 +336,13 @@ BAD_VIEWS: dict[str, tuple[dict[str, Any], str]] = {
     "no mask": ({"mask": None}, "but no mask"),
     "an empty mask": ({"mask": np.zeros((480, 640))}, "0 pixels"),
     "a mask of another size": ({"mask": np.ones((2, 2))}, "The mask is [2, 2]"),
-    "no table": ({"table": None}, "but no table"),
     "a table of three": ({"table": [0, 0, 1]}, "shape [3]"),
     "a long normal": ({"table": [0, 0, 2, 0]}, "norm 2"),
     "a crooked pose": ({"base_T_camera": np.ones((4, 4))}, "not a rigid"),
     "a NaN pose": ({"base_T_camera": np.full((4, 4), np.nan)}, "NaN"),
     "no focal length": ({"fx": 0.0}, "focal"),
     "a depth without its scale": ({"depth": np.ones((480, 640), dtype=np.uint16)}, "but no depth_scale"),
+    "a depth in millimetres": ({"depth": np.full((480, 640), 8000.0)}, "as if it were in millimetres"),
     "a depth of 10 million pixels": ({"depth": np.ones((2500, 4000), dtype=np.float32)}, "10000000 pixels"),
     "a depth of words": ({"depth": np.array([["a"]]), "depth_scale": 1.0}, "<U1"),
 }
@@ -327,7 +380,10 @@ def test_a_bad_view_is_refused_in_words(register: Any, files: Files, tmp_path: P
         (["view.npz", "infinite.npz"], "infinite"),
         (["few.npz", "scan0.npz"], "3 distinct points"),
         (["same.npz", "scan0.npz"], "1 distinct points"),
-        (["millimetres.ply", "scan0.npz"], "Scale the mesh to metres"),
+        (["thousand.ply", "scan0.npz"], "m long, as if it were in millimetres"),
+        (["view.npz", "thousand.ply"], "m long, as if it were in millimetres"),
+        (["view.npz", "thousand.npz"], "m long, as if it were in millimetres"),
+        (["millimetres.ply", "scan0.npz"], "90 m long, as if it were in millimetres"),
     ],
 )
 def test_bad_input_is_refused_in_words(register: Any, files: Files, arguments: list[str], said: str) -> None:
@@ -339,6 +395,10 @@ def test_bad_input_is_refused_in_words(register: Any, files: Files, arguments: l
     np.savez(folder / "infinite.npz", origins=np.zeros((3, 3)), directions=down, ranges=np.full(3, np.inf))
     np.savez(folder / "few.npz", points=np.eye(3))
     np.savez(folder / "same.npz", points=np.ones((5000, 3)))
+    write_cloud(folder / "thousand.ply", 1000 * files.case.cloud)
+    with np.load(folder / "scan0.npz") as scan:
+        beams = {name: scan[name] for name in scan.files}
+    np.savez(folder / "thousand.npz", **beams | {name: 1000 * beams[name] for name in ("origins", "ranges")})
     (folder / "millimetres.ply").write_text(
         "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
         "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n90 0 0\n0 90 0\n3 0 1 2\n"

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from io import StringIO
 
+import pytest
 from helpers.made_runs import KEY, ended, run_of
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_table import Table, by_object, by_scan, convergence_table, honesty_table
@@ -120,7 +121,22 @@ def test_where_nothing_converged_nothing_is_said_of_it() -> None:
 def test_a_terminal_and_markdown_hold_the_same_cells() -> None:
     table = by_scan(RUNS, (1,))
     screen = StringIO()
-    Console(file=screen, width=200).print(table.rich())
+    Console(file=screen, width=200).print(*table.rich(200))
     shown = screen.getvalue().splitlines()[-2]
     assert [cell.strip() for cell in shown.strip("│").split("│")] == list(table.lines[0])
     assert [cell.strip() for cell in table.markdown().splitlines()[-1].strip("|").split("|")] == list(table.lines[0])
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_a_narrow_terminal_gets_parts_of_which_none_is_cut(width: int) -> None:
+    for table in (by_scan(RUNS, (0, 1)), by_object(RUNS, 1), honesty_table(RUNS, (1,))):
+        screen = StringIO()
+        parts = table.rich(width)
+        for part in parts:
+            Console(file=screen, width=width).print(part)
+        text = screen.getvalue()
+        assert len(parts) > 1
+        assert "…" not in text
+        assert max(map(len, text.splitlines())) <= width
+        for k, heading in enumerate(table.headings):
+            assert text.count(f" {heading} ") >= (len(parts) if k < table.keys else 1)

@@ -72,9 +72,9 @@ def test_the_report_needs_nothing_else_and_says_the_errors(case: Case, tmp_path:
 def test_the_live_table_fits_a_narrow_terminal(case: Case) -> None:
     output = StringIO()
     recording = recorded(case, 3)
-    Console(file=output, width=80).print(live_table([recording, Recording("mug, gRPC", case)]))
+    Console(file=output, width=60).print(live_table([recording, Recording("mug, gRPC", case)]))
     text = output.getvalue()
     assert "…" not in text
     assert "converged" in text
-    assert "region-2" in text
+    assert "robot s" in text
     assert f"{1000 * recording.true_errors()[-1]:.1f}" in text

@@ -127,16 +127,19 @@ def test_meshes_are_read_from_files(tmp_path: Path, suffix: str) -> None:
 
 
 def test_a_bad_mesh_file_says_what_is_wrong(tmp_path: Path) -> None:
-    with pytest.raises(NotFound, match="no mesh"):
+    with pytest.raises(NotFound, match="cannot be read"):
         load_mesh(tmp_path / "missing.ply")
     (tmp_path / "notes.txt").write_text("hello")
     with pytest.raises(InvalidInput, match=r"notes\.txt"):
         load_mesh(tmp_path / "notes.txt")
     (tmp_path / "broken.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\nend_header\n1 2\n")
-    with pytest.raises(Malformed, match="no triangles"):
+    with pytest.raises(Malformed, match="have no x, y, z"):
         load_mesh(tmp_path / "broken.ply")
+    (tmp_path / "cloud.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\n")
+    with pytest.raises(Malformed, match="no triangles"):
+        load_mesh(tmp_path / "cloud.obj")
     (tmp_path / "millimetres.obj").write_text("v 0 0 0\nv 100 0 0\nv 0 100 0\nf 1 2 3\n")
-    with pytest.raises(InvalidInput, match="100 m long"):
+    with pytest.raises(InvalidInput, match="100 m long, as if it were in millimetres"):
         load_mesh(tmp_path / "millimetres.obj")
 
 

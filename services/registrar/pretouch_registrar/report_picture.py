@@ -25,10 +25,8 @@ def write_picture(path: Path, scene: Scene, scans: Sequence[Scan], estimate: Est
     """Writes a .png: the target stays, the finger's points are moved onto it by the inverse of the correction.
 
     Raises:
-        InvalidInput: another suffix, or a folder that cannot be written to.
+        InvalidInput: it cannot be written.
     """
-    if path.suffix.lower() != ".png":
-        raise InvalidInput(f"{path.name} is no .png file.", "Give --report FILE.png.")
     target = _subsample(scene.cloud)
     before = _subsample(Scan.concatenate(list(scans)).points())
     after = estimate.base_T_correction.inverse().apply(before)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -12,11 +11,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pretouch.errors import Unavailable
+from pretouch.errors import InvalidInput, Unavailable
 from pretouch.estimate import Estimate, Prior
 from pretouch.geometry import Plane, Pose, vector_from_rotation
-from pretouch.scene import Scene
-from pretouch.tof import Scan, Sensor
+from pretouch.results import STANDARD_OUTPUT, check_file, write_json
+from pretouch.tof import Sensor
 from pretouch.wire.json import estimate_to_json
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
@@ -36,8 +35,8 @@ def _register(
         Path,
         typer.Argument(
             help="Where the object is believed to be, in base: a depth image (.npz with depth, fx, fy, cx, cy, "
-            "base_T_camera, mask, table), the object's cloud as a camera saw it (.ply, .pcd, .npz with points), or its "
-            "mesh (.ply with faces, .obj, .stl) at --object-pose."
+            "base_T_camera, mask, and table if it is known), the object's cloud as a camera saw it (.ply, .pcd, .obj, "
+            ".npz with points), or its mesh (.ply, .obj, .stl, .off, .glb, .3mf) at --object-pose."
         ),
     ],
     source: Annotated[
@@ -56,7 +55,7 @@ def _register(
         tuple[float, float, float, float] | None,
         typer.Option(
             help="The table in base: unit normal x y z upwards, and the offset d of normal . p = d, m.",
-            show_default="level, at the target's lowest points",
+            show_default="the file's, else level at the target's lowest points",
         ),
     ] = None,
     object_pose: Annotated[
@@ -72,9 +71,16 @@ def _register(
         float, typer.Option(help="Half angle of the beam's cone, rad; 0 is a thin beam.")
     ] = Sensor.beam_half_angle,
     report: Annotated[Path | None, typer.Option(help="Write a picture of before and after to this .png file.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document instead of a table.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--json", help="Where the estimate goes as JSON; - is standard output, then no table."),
+    ] = None,
 ) -> None:
     """Correct an object's pose from files: a target as believed, and what the finger measured."""
+    for path in (report, out):
+        if path is not None:
+            check_file(path)
+    write_picture = _import_picture(report) if report is not None else None
     told = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     settings = Settings(
         engine, Prior(translation_std, rotation_std), Sensor(range_std=range_std, beam_half_angle=beam_half_angle)
@@ -88,17 +94,19 @@ def _register(
         told.print("No sample lies near the target: are both in base, in metres?")
     if estimate.sensor_problem:
         told.print(f"The samples are no measurements: {estimate.sensor_problem}")
-    if report is not None:
-        _picture(report, scene, scans, estimate)
+    if report is not None and write_picture is not None:
+        write_picture(report, scene, scans, estimate)
     corrected = estimate.base_T_correction @ base_T_object if base_T_object is not None else None
-    if as_json:
-        json.dump(estimate_to_json(estimate, corrected), sys.stdout, indent=1)
-        print()
-    else:
+    if out is not None:
+        write_json(out, estimate_to_json(estimate, corrected))
+    if out != STANDARD_OUTPUT:
         Console().print(_table(estimate, corrected))
 
 
-def _picture(path: Path, scene: Scene, scans: list[Scan], estimate: Estimate) -> None:
+def _import_picture(path: Path) -> Callable[..., None]:
+    """`write_picture`, which needs matplotlib, if `path` is one that it writes."""
+    if path.suffix.lower() != ".png":
+        raise InvalidInput(f"{path.name} is no .png file.", "Give --report FILE.png.")
     try:
         from pretouch_registrar.report_picture import write_picture
     except ModuleNotFoundError as error:
@@ -107,7 +115,7 @@ def _picture(path: Path, scene: Scene, scans: list[Scan], estimate: Estimate) ->
         raise Unavailable(
             "--report needs matplotlib, which is not installed.", "Run: pip install 'pretouch[report]'"
         ) from error
-    write_picture(path, scene, scans, estimate)
+    return write_picture
 
 
 def _table(estimate: Estimate, base_T_object: Pose | None) -> Table:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput, Malformed
 from pretouch.geometry import Plane, Pose, frozen_array
-from pretouch.mesh_target import MeshTarget
+from pretouch.mesh_target import MAX_EXTENT, MeshTarget
 from pretouch.scene import Scene
 from pretouch.tof import MAX_SAMPLES, Scan
 from pretouch_registrar.cloud_scene import MAX_CLOUD, cloud_scene, table_below, thinned
 from pretouch_registrar.files import read_shape
-from pretouch_registrar.files.shape import read_bytes
+from pretouch_registrar.files.content import read_bytes
+from pretouch_registrar.files.shape import check_size
 from pretouch_registrar.mesh_scene import mesh_scene
 
 Say = Callable[[str], None]
@@ -47,18 +48,19 @@ def read_target(path: Path, given: Given, say: Say) -> Scene:
     if path.suffix.lower() == ".npz":
         arrays = _arrays(path)
         if "depth" in arrays:
-            return _depth_scene(path.name, arrays, given)
+            return _depth_scene(path.name, arrays, given, say)
         points = frozen_array(_member(path.name, arrays, "points"), (None, 3), f"{path.name}: points")
         return _scene_of_points(path.name, points, given, given.viewpoint, say)
     shape = read_shape(path)
+    for remark in shape.remarks:
+        say(f"{path.name}: {remark}")
     if shape.faces is not None:
+        check_size(path.name, shape.points[shape.faces].reshape(-1, 3), MAX_EXTENT)
         pose = given.base_T_object or Pose.identity()
         table = given.table or _assumed(path.name, table_below(pose.apply(shape.points)), say)
         return mesh_scene(MeshTarget(shape.points, shape.faces, pose, table))
     if given.base_T_object is not None:
         raise InvalidInput(f"{path.name} has no triangles, so --object-pose means nothing.", "Leave it out.")
-    if shape.left_out:
-        say(f"{path.name}: {shape.left_out} points without coordinates were left out.")
     viewpoint = given.viewpoint if given.viewpoint is not None else shape.viewpoint
     return _scene_of_points(path.name, shape.points, given, viewpoint, say)
 
@@ -80,13 +82,16 @@ def read_scan(path: Path, table: Plane, say: Say) -> Scan:
                     f"{path.name}: origins, directions and ranges are not equally many.", "Write one of each a beam."
                 )
             kept = _kept(path.name, len(beams[2]), say)
-            return Scan(*(values[kept] for values in beams))
+            scan = Scan(*(values[kept] for values in beams))
+            check_size(path.name, scan.origins, MAX_EXTENT)
+            return scan
         points = frozen_array(_member(path.name, arrays, "points"), (None, 3), f"{path.name}: points")
     else:
         shape = read_shape(path)
-        if shape.left_out:
-            say(f"{path.name}: {shape.left_out} points without coordinates were left out.")
+        for remark in shape.remarks:
+            say(f"{path.name}: {remark}")
         points = shape.points
+    check_size(path.name, points, MAX_EXTENT)
     return Scan.of_points(points[_kept(path.name, len(points), say)], -table.normal)
 
 
@@ -102,6 +107,7 @@ def _scene_of_points(
     if len(points) > MAX_CLOUD:
         say(f"{name}: {len(points)} points were thinned out to {MAX_CLOUD}.")
     cloud = thinned(points, MAX_CLOUD)
+    check_size(name, cloud, MAX_EXTENT)
     table = given.table or _assumed(name, table_below(cloud), say)
     if viewpoint is None:
         say(f"{name}: no viewpoint is known, so it is looked at from straight above; --viewpoint gives the camera's.")
@@ -113,24 +119,27 @@ def _assumed(name: str, table: Plane, say: Say) -> Plane:
     return table
 
 
-def _depth_scene(name: str, arrays: dict[str, NDArray[Any]], given: Given) -> Scene:
-    table = given.table
-    if table is None:
-        normal_offset = frozen_array(_member(name, arrays, "table"), (4,), f"{name}: table")
-        table = Plane(normal_offset[:3], float(normal_offset[3]))
+def _depth_scene(name: str, arrays: dict[str, NDArray[Any]], given: Given, say: Say) -> Scene:
     depth = _member(name, arrays, "depth")
 
     def number(key: str) -> float:
         return float(frozen_array(_member(name, arrays, key), (), f"{name}: {key}"))
 
+    table = given.table
+    if table is None and "table" in arrays:
+        normal_offset = frozen_array(arrays["table"], (4,), f"{name}: table")
+        table = Plane(normal_offset[:3], float(normal_offset[3]))
     stored = depth.astype(np.float32) if depth.dtype.kind == "f" else depth
     scene = Scene(
         DepthImage.from_values(stored, 1.0 if depth.dtype.kind == "f" else number("depth_scale")),
         Camera(number("fx"), number("fy"), number("cx"), number("cy")),
         Pose(frozen_array(_member(name, arrays, "base_T_camera"), (4, 4), f"{name}: base_T_camera")),
         _member(name, arrays, "mask") != 0,
-        table,
+        table or Plane(np.array([0.0, 0.0, 1.0]), 0.0),
     )
+    check_size(name, scene.cloud, MAX_EXTENT)
+    if table is None:
+        scene = replace(scene, table=_assumed(name, table_below(scene.cloud), say))
     return scene.cropped(_CROP)[0]
 
 
@@ -139,7 +148,7 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
         loaded = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
         return {key: loaded[key] for key in loaded.files}
-    except (ValueError, OSError, EOFError, BadZipFile, AttributeError) as error:
+    except (ValueError, OSError, EOFError, BadZipFile, AttributeError, MemoryError, OverflowError) as error:
         raise Malformed(f"{path.name} is not a readable .npz file.", "Write it with numpy.savez.") from error
 
 
@@ -148,7 +157,8 @@ def _member(name: str, arrays: dict[str, NDArray[Any]], key: str) -> NDArray[Any
         found = ", ".join(sorted(arrays)) or "nothing"
         raise InvalidInput(
             f"{name} holds {found}, but no {key}.",
-            "Write a target as depth, fx, fy, cx, cy, base_T_camera, mask and table [nx, ny, nz, d], with depth_scale "
-            "where depth is not in metres, or as points; a scan as origins, directions and ranges, or as points.",
+            "Write a target as depth, fx, fy, cx, cy, base_T_camera and mask, with depth_scale where depth is not in "
+            "metres and table [nx, ny, nz, d] where it is known, or as points; a scan as origins, directions and "
+            "ranges, or as points.",
         )
     return arrays[key]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,6 +17,8 @@ from pretouch_registrar.engines import Engine
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from pretouch.interrupts import INTERRUPTED
+from pretouch.results import check_folder
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.frame_task import frame_tasks
@@ -29,7 +30,6 @@ from pretouch_simulation.labels.task import ViewTask, tasks_of
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import mixing_key
 
-_INTERRUPTED = 130
 _FILE_WIDTH = 140
 
 labels = typer.Typer(help=__doc__, no_args_is_help=True)
@@ -38,7 +38,9 @@ labels = typer.Typer(help=__doc__, no_args_is_help=True)
 @labels.command()
 def generate(
     out: Annotated[Path, typer.Option(help="The dataset's folder. What is there already is kept.")],
-    meshes: Annotated[Path | None, typer.Option(help="Folder of PLY, OBJ or STL files, in metres.")] = None,
+    meshes: Annotated[
+        Path | None, typer.Option(help="Folder of meshes in metres: .ply, .obj, .stl, .off, .glb, .3mf.")
+    ] = None,
     made_in_code: Annotated[int, typer.Option(min=0, help="Objects of random sizes made in code.")] = 0,
     frames: Annotated[
         Path | None, typer.Option(help="Folder of depth frames; --kind trials needs neither poses nor meshes.")
@@ -65,7 +67,9 @@ def generate(
     camera: Annotated[CameraModel, typer.Option(help="The simulated depth camera of meshes.")] = CameraModel.KINECT,
     poses: Annotated[int, typer.Option(min=1, help="Resting poses of each mesh.")] = 2,
     views: Annotated[int, typer.Option(min=1, help="Views of each mesh in each pose.")] = 2,
-    seed: Annotated[int, typer.Option(help="Another seed gives other views, rectangles and offsets.")] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Fixes views, rectangles, offsets and noise: the labels do not depend on --workers.")
+    ] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; left out: one for each core.")] = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Only the first so many views, in an order that mixes the objects.")
@@ -79,6 +83,7 @@ def generate(
 
     The same command goes on where it was stopped.
     """
+    check_folder(out)
     recipe = replace(_recipe(kind, engine, rectangles, scanned, trials, best_only, finger, seed), camera=camera)
     tasks = _tasks(meshes, made_in_code, frames, poses, views, camera)[:limit]
     dataset = Dataset.create(out, describe(recipe, shlex.join(["pretouch", *sys.argv[1:]])))
@@ -92,7 +97,7 @@ def generate(
             markup=False,
             soft_wrap=True,
         )
-        raise typer.Exit(_INTERRUPTED) from None
+        raise typer.Exit(INTERRUPTED) from None
     _report(tasks, failed, dataset)
     if len(failed) == len(tasks) or any(outcome.defect for outcome in failed):
         raise typer.Exit(1)
@@ -148,7 +153,6 @@ def _make_with_progress(
     console: Console,
 ) -> list[Outcome]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
         there = len(tasks) - len(unlabelled(tasks, dataset))
         bar = progress.add_task("views", total=len(tasks), completed=there)
@@ -156,13 +160,18 @@ def _make_with_progress(
 
 
 def _report(tasks: Sequence[ViewTask], failed: Sequence[Outcome], dataset: Dataset) -> None:
-    console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    console = _console()
     for problem, outcomes in groupby(sorted(failed, key=lambda one: one.problem), key=lambda one: one.problem):
         first, *others = (outcome.name for outcome in outcomes)
         more = f" and {len(others)} more" if others else ""
         console.print(f"{first}{more}: {problem}", style="yellow", markup=False, soft_wrap=True)
     done = len(tasks) - len(failed)
     console.print(f"{done} of {len(tasks)} views are labelled in {dataset.folder}.", markup=False, soft_wrap=True)
+
+
+def _console() -> Console:
+    known = sys.stdout.isatty() or "COLUMNS" in os.environ
+    return Console(width=None if known else _FILE_WIDTH)
 
 
 @labels.command()
@@ -174,11 +183,11 @@ def show(
     dataset = Dataset(folder)
     views = statistics(dataset)
     target = out or folder
-    target.mkdir(parents=True, exist_ok=True)
+    check_folder(target)
     sheet, page = target / "contact_sheet.png", target / "statistics.png"
     recipe = ", ".join(f"{name} {value}" for name, value in dataset.description.get("recipe", {}).items())
     save_statistics(views, f"{len(views)} views: {recipe}", page)
     shown = save_contact_sheet(dataset, sheet)
-    console = Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    console = _console()
     console.print(table(views))
     console.print(f"Statistics: {page}; {len(shown)} views: {sheet}.", markup=False, soft_wrap=True)

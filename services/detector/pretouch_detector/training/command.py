@@ -12,14 +12,14 @@ import typer
 from rich.console import Console
 
 from pretouch.errors import InvalidInput
+from pretouch.interrupts import INTERRUPTED
+from pretouch.results import check_folder
 from pretouch_detector.model.scorer import Scorer
 from pretouch_detector.training.curves import draw
 from pretouch_detector.training.export import export_scorer, restore
 from pretouch_detector.training.processes import join_processes
 from pretouch_detector.training.targets import load
 from pretouch_detector.training.trainer import Schedule, Trainer
-
-_INTERRUPTED = 130
 
 
 def train(
@@ -30,7 +30,13 @@ def train(
     batch: Annotated[int, typer.Option(min=1, help="Views a step and process.")] = Schedule.batch,
     rectangles: Annotated[int, typer.Option(min=1, help="Of each view and step.")] = Schedule.rectangles,
     rate: Annotated[float, typer.Option(min=0.0, help="The highest learning rate.")] = Schedule.rate,
-    seed: Annotated[int, typer.Option(help="Of the weights at the start, the order and the augmentations.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(
+            help="Fixes the weights at the start, the order and the augmentations; a GPU's sums may differ in "
+            "their last bits."
+        ),
+    ] = 0,
     device: Annotated[str | None, typer.Option(help="cpu or cuda.", show_default="cuda if there is one")] = None,
 ) -> None:
     """Teach the network where to sense, from labels.
@@ -38,6 +44,7 @@ def train(
     On several processes or machines: torchrun --nproc-per-node N --no-python pretouch train ... In the end the folder
     OUT holds the weights for torch and for serving, the log and its curves.
     """
+    check_folder(out)
     console = Console(stderr=True)
     place = _device(device)
     torch.manual_seed(seed)
@@ -52,7 +59,7 @@ def train(
             trainer.train(views, validation)
         except KeyboardInterrupt:
             console.print(f"Interrupted. {len(trainer.log)} of {epochs} epochs are kept; the same command goes on.")
-            raise typer.Exit(_INTERRUPTED) from None
+            raise typer.Exit(INTERRUPTED) from None
     if among.rank > 0:
         return
     facts = {

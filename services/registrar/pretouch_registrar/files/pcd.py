@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.errors import Malformed
-from pretouch_registrar.files.shape import Shape, checked_count, checked_shape, cut_short, read_columns
+from pretouch_registrar.files.shape import Shape, checked_count, checked_shape, cut_short
+from pretouch_registrar.files.text_rows import TextRows
 
 _LONGEST_HEADER = 64 * 1024
 _KINDS = {"F": "f", "I": "i", "U": "u"}
+_MOST_VALUES = 10_000
+"""Of one field of one point: the longest feature descriptors have hundreds."""
+_MOST_PACKING = 100
+"""Bytes that LZF makes of one: up to 264 of three."""
 _UNSAID = np.array([0.0, 0, 0, 1, 0, 0, 0])
 """The viewpoint that is written where none is known."""
 
@@ -24,36 +27,72 @@ def read_pcd(name: str, data: bytes) -> Shape:
         Malformed: not a PCD file, cut short, or without x, y and z.
     """
     header, body = _header(name, data)
-    try:
-        fields = header["FIELDS"]
-        sizes = [int(size) for size in header["SIZE"]]
-        counts = [int(count) for count in header.get("COUNT", ["1"] * len(fields))]
-        dtypes = [f"<{_KINDS[kind]}{size}" for kind, size in zip(header["TYPE"], sizes, strict=True)]
-        count = int(header.get("POINTS", [str(int(header["WIDTH"][0]) * int(header["HEIGHT"][0]))])[0])
-        viewpoint = np.array(header.get("VIEWPOINT", _UNSAID), dtype=np.float64)
-        dtype = np.dtype([(f"{k}", kind, (n,)) for k, (kind, n) in enumerate(zip(dtypes, counts, strict=True))])
-        columns = [fields.index(axis) for axis in "xyz"]
-        (kind,) = header["DATA"]
-    except (KeyError, ValueError, IndexError, TypeError) as error:
-        raise _broken(name) from error
-    checked_count(name, count)
+    fields, dtypes, counts = _layout(name, header)
+    missing = [axis for axis in "xyz" if axis not in fields]
+    if missing:
+        raise Malformed(f"The points of {name} have no {', '.join(missing)}.", "Export points with coordinates.")
+    columns = [fields.index(axis) for axis in "xyz"]
+    count = checked_count(name, _count(name, header))
+    kind = " ".join(header["DATA"])
+    dtype = np.dtype([(f"{k}", one, (n,)) for k, (one, n) in enumerate(zip(dtypes, counts, strict=True))])
+    remarks: tuple[str, ...] = ()
     if kind == "ascii":
         starts = np.cumsum([0, *counts])
-        points = read_columns(name, io.BytesIO(data[body:]), count, [int(starts[k]) for k in columns])
+        rows = TextRows(name, data, body)
+        points = rows.columns(count, [int(starts[k]) for k in columns], "points")
+        remarks = (f"trailing lines ignored: {left}.",) if (left := rows.left()) else ()
+    elif kind == "binary_compressed":
+        points = _columns_apart(_decompressed(name, data, body, dtype.itemsize * count), dtype, count, columns)
+    elif kind == "binary":
+        there = (len(data) - body) // dtype.itemsize
+        if there < count:
+            raise cut_short(name, there, count, "points")
+        points = _rows(data[body:], dtype, count, columns)
+        left = len(data) - body - dtype.itemsize * count
+        remarks = (f"trailing bytes ignored: {left}.",) if left else ()
     else:
-        packed = kind == "binary_compressed"
-        if not packed and kind != "binary":
-            raise _broken(name)
-        raw = _decompressed(name, data, body, dtype.itemsize * count) if packed else data[body:]
-        if len(raw) < dtype.itemsize * count:
-            raise cut_short(name)
-        points = _columns_apart(raw, dtype, count, columns) if packed else _rows(raw, dtype, count, columns)
+        raise Malformed(f"{name} holds DATA {kind!r}.", "Write it as ascii, binary or binary_compressed.")
+    return checked_shape(name, points, None, _viewpoint(header), remarks)
+
+
+def _layout(name: str, header: dict[str, list[str]]) -> tuple[list[str], list[str], list[int]]:
+    """The fields' names, their types as numpy writes them, and how many values each has."""
+    for key in ("FIELDS", "SIZE", "TYPE"):
+        if key not in header:
+            raise _broken(name, f"has no line {key}")
+    fields = header["FIELDS"]
+    try:
+        counts = [int(count) for count in header.get("COUNT", ["1"] * len(fields))]
+        dtypes = [
+            np.dtype(f"<{_KINDS[kind]}{int(size)}").str
+            for _, kind, size, _ in zip(fields, header["TYPE"], header["SIZE"], counts, strict=True)
+        ]
+    except (KeyError, ValueError, TypeError) as error:
+        raise _broken(name, "has lines FIELDS, SIZE, TYPE and COUNT that do not fit together") from error
+    if min(counts) < 1 or max(counts) > _MOST_VALUES:
+        raise _broken(name, f"has a COUNT of {' '.join(map(str, counts))}")
+    return fields, dtypes, counts
+
+
+def _count(name: str, header: dict[str, list[str]]) -> int:
+    try:
+        return int(header["POINTS"][0]) if "POINTS" in header else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
+    except (KeyError, ValueError, IndexError) as error:
+        raise _broken(name, "does not say its number of POINTS, or WIDTH and HEIGHT") from error
+
+
+def _viewpoint(header: dict[str, list[str]]) -> NDArray[np.float64] | None:
+    """(3,); None if the file does not say, or says what is written where none is known."""
+    try:
+        viewpoint = np.array(header.get("VIEWPOINT", []), dtype=np.float64)
+    except ValueError:
+        return None
     known = viewpoint.shape == (7,) and np.isfinite(viewpoint).all() and not np.array_equal(viewpoint, _UNSAID)
-    return checked_shape(name, points, None, viewpoint[:3] if known else None)
+    return viewpoint[:3] if known else None
 
 
-def _broken(name: str) -> Malformed:
-    return Malformed(f"{name} is not a readable PCD file with x, y and z.", "Write it as PCD 0.7.")
+def _broken(name: str, how: str) -> Malformed:
+    return Malformed(f"The header of {name} {how}.", "Write it as PCD 0.7.")
 
 
 def _header(name: str, data: bytes) -> tuple[dict[str, list[str]], int]:
@@ -69,7 +108,7 @@ def _header(name: str, data: bytes) -> tuple[dict[str, list[str]], int]:
             header[words[0].upper()] = words[1:]
             if words[0].upper() == "DATA":
                 return header, at
-    raise _broken(name)
+    raise _broken(name, "has no line DATA")
 
 
 def _rows(raw: bytes, dtype: np.dtype[np.void], count: int, columns: list[int]) -> NDArray[np.float64]:
@@ -93,13 +132,13 @@ def _columns_apart(raw: bytes, dtype: np.dtype[np.void], count: int, columns: li
 
 
 def _decompressed(name: str, data: bytes, at: int, wanted: int) -> bytes:
-    if len(data) < at + 8:
-        raise cut_short(name)
-    packed, size = (int(n) for n in np.frombuffer(data, "<u4", 2, at))
-    if len(data) < at + 8 + packed or size < wanted:
-        raise cut_short(name)
+    packed, size = (int(n) for n in np.frombuffer(data.ljust(at + 8, b"\0"), "<u4", 2, at))
+    if len(data) < at + 8 + packed:
+        raise Malformed(f"{name} ends at byte {len(data)} of {at + 8 + packed}.", "Write the file again.")
     if size != wanted:
-        raise _broken(name)
+        raise Malformed(f"{name} holds {size} bytes where its header announces {wanted}.", "Write the file again.")
+    if size > _MOST_PACKING * packed:
+        raise Malformed(f"{name} announces more bytes than compressed data can hold.", "Write the file again.")
     out = np.zeros(size, dtype=np.uint8)
     if _expand(np.frombuffer(data, np.uint8, packed, at + 8), out) != size:
         raise Malformed(f"{name} holds damaged compressed data.", "Write the file again.")

@@ -16,6 +16,8 @@ from rich.console import Console
 from pretouch.channel import open_sync_channel
 from pretouch.cli import TlsCa, TlsCert, TlsKey, Token
 from pretouch.errors import InvalidInput, Unavailable
+from pretouch.interrupts import INTERRUPTED
+from pretouch.results import check_file
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch_sensor_gateway.calibration.device_client import DeviceClient
 from pretouch_sensor_gateway.calibration.file import save
@@ -27,7 +29,6 @@ from pretouch_sensor_gateway.calibration.table import build_table, remarks
 from pretouch_sensor_gateway.command.defaults import DEFAULT_GATEWAY
 from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD
 
-_INTERRUPTED = 130
 _LEAST_AFTER_INTERRUPTION = 2
 
 
@@ -102,7 +103,7 @@ def calibrate_through(
     """
     fit_module, write_picture = _import_fit()
     for path in (out, report):
-        _check_writable(path)
+        check_file(path)
     if report.suffix.lower() != ".png":
         raise InvalidInput(f"{report.name} is no .png file.", "Give --report FILE.png.")
     console = Console(highlight=False)
@@ -116,7 +117,7 @@ def calibrate_through(
             console.print(
                 f"At least {_LEAST_AFTER_INTERRUPTION} are needed: nothing was saved, and what was measured is lost."
             )
-            raise typer.Exit(_INTERRUPTED)
+            raise typer.Exit(INTERRUPTED)
     if not measured:
         raise InvalidInput("No distance was measured, and nothing was saved.", "Measure three distances or more.")
     columns = {distance: split_by_module(raw) for distance, raw in session.readings.items()}
@@ -170,12 +171,6 @@ def _parse_distances(text: str) -> tuple[float, ...]:
     if len(set(millimetres)) < len(millimetres):
         raise InvalidInput(f"--distances {text!r} names one twice.", "Name each distance once.")
     return tuple(round(each / 1000, 9) for each in millimetres)
-
-
-def _check_writable(path: Path) -> None:
-    folder = path.parent
-    if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise InvalidInput(f"{path} cannot be written.", f"Make the folder {folder}, or name another place.")
 
 
 def _configuration_lines(device: str, path: Path, port: str | None) -> str:

@@ -66,14 +66,17 @@ def watch(
     )
 
     with run_local_gateway(port, wire_format, baud) as address:
-        asyncio.run(_watch(Access(address), "", seconds))
+        watched = asyncio.run(_watch(Access(address), "", seconds))
+    if not any(each.trace.modules for each in watched.devices):
+        problems = [each.status.device.problem for each in watched.devices if each.status.device.problem]
+        raise Unavailable(" ".join(problems) or f"No range came from {port}.", "Check the port and what is on it.")
 
 
-async def _watch(access: Access, device: str, seconds: float | None) -> None:
-    """Watches until the user quits or `seconds` have passed.
+async def _watch(access: Access, device: str, seconds: float | None) -> Watch:
+    """Watches until the user quits or `seconds` have passed; what was seen.
 
     Raises:
-        PretouchError: an error that a retry does not fix, or the gateway never answered within `seconds`.
+        PretouchError: an error that a retry does not fix, or the gateway never answered.
     """
     watched = Watch(access.address)
     async with open_channel(*access) as channel:
@@ -85,5 +88,6 @@ async def _watch(access: Access, device: str, seconds: float | None) -> None:
         for result in await asyncio.gather(feeding, showing, return_exceptions=True):
             if isinstance(result, Exception):
                 raise result
-    if seconds is not None and not watched.heard:
+    if not watched.heard:
         raise Unavailable(watched.problem or f"No gateway answers at {access.address}.", "Check that it runs.")
+    return watched

@@ -1,0 +1,58 @@
+"""Ctrl-C at any time: one line, exit code 130, no traceback. It imports next to nothing, so that it is there first."""
+
+from __future__ import annotations
+
+import _thread
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+INTERRUPTED = 130
+"""Exit code of a command that was interrupted, by Ctrl-C or SIGTERM."""
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def end_at_once_when_interrupted() -> None:
+    """For the time in which a program loads: nothing has begun, so there is nothing to end in order."""
+    _handle(_end)
+
+
+@contextmanager
+def raising_interrupts() -> Iterator[None]:
+    """Within the block an interrupt raises KeyboardInterrupt, so that what was begun is ended in order."""
+    before = [signal.getsignal(number) for number in _SIGNALS]
+    hook = sys.unraisablehook
+
+    def raise_again(unraisable: Any) -> None:
+        """An interrupt while a callback or destructor ran, where none can be raised, is raised afterwards."""
+        if issubclass(unraisable.exc_type, KeyboardInterrupt):
+            _thread.interrupt_main()
+        else:
+            hook(unraisable)
+
+    _handle(signal.default_int_handler)
+    sys.unraisablehook = raise_again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        if threading.current_thread() is threading.main_thread():
+            for number, handler in zip(_SIGNALS, before, strict=True):
+                signal.signal(number, handler)
+
+
+def _handle(handler: Any) -> None:
+    """A signal that whoever started this program ignores, as a shell does for background jobs, stays ignored."""
+    if threading.current_thread() is threading.main_thread():
+        for number in _SIGNALS:
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, handler)
+
+
+def _end(*_: Any) -> None:
+    os.write(2, b"Interrupted.\n")
+    os._exit(INTERRUPTED)
