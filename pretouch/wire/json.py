@@ -31,10 +31,9 @@ from pretouch.session import (
 )
 from pretouch.tof import Sensor
 from pretouch.trajectory import Trajectory
-from pretouch.wire import reader
 from pretouch.wire.json_objects import names_in_json, object_from_json, object_to_json, pose_to_json
 from pretouch.wire.json_samples import pose_objects, poses_from_objects, submission_from_json, submission_to_json
-from pretouch.wire.reader import Members, at
+from pretouch.wire.reader import Members, prefix_errors, read_integer, read_items, read_pose
 
 __all__ = [
     "estimate_from_json",
@@ -64,7 +63,7 @@ _Choice = TypeVar("_Choice", bound=StrEnum)
 
 
 def pose_from_json(value: object, path: str = "pose") -> Pose:
-    return reader.pose(value, path)
+    return read_pose(value, path)
 
 
 def request_to_json(request: SessionRequest) -> dict[str, Any]:
@@ -101,8 +100,8 @@ def request_from_json(document: object) -> SessionRequest:
         given["depth_scale"] = camera.number("depth_scale")
     if "roi" in members:
         path = members.path("roi")
-        roi = reader.items(members.get("roi"), path, 4)
-        given["roi"] = tuple(reader.integer(value, f"{path}[{k}]") for k, value in enumerate(roi))
+        roi = read_items(members.get("roi"), path, 4)
+        given["roi"] = tuple(read_integer(value, f"{path}[{k}]") for k, value in enumerate(roi))
     if "table" in members:
         given["table"] = _table(members.members("table", names_in_json(Plane)))
     if "base_T_object" in members:
@@ -119,7 +118,7 @@ def request_from_json(document: object) -> SessionRequest:
 
 def _table(members: Members) -> Plane:
     normal, offset = members.numbers("normal", 3), members.number("offset")
-    with at("table"):
+    with prefix_errors("table"):
         return Plane(np.array(normal), offset)
 
 

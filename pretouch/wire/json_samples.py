@@ -12,8 +12,7 @@ from pretouch.errors import InvalidInput, TooLarge
 from pretouch.geometry import QUATERNION_NORM_TOLERANCE, Array, quaternion_from_rotation, rotation_from_quaternion
 from pretouch.session import GatewaySpan, Points, Skipped, Submission
 from pretouch.tof import MAX_SAMPLES, RangeSamples
-from pretouch.wire import reader
-from pretouch.wire.reader import Members
+from pretouch.wire.reader import Members, read_number, read_numbers, read_pose
 
 _SAMPLE = ("t", "base_T_tip", "range", "status", "module")
 _KINDS = ("samples", "points", "gateway", "skipped")
@@ -78,7 +77,7 @@ def poses_from_objects(values: Sequence[object], path: str) -> Array:
     norms = np.linalg.norm(quaternions, axis=1)
     off = np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE)
     if len(off):
-        reader.pose(values[off[0]], path.format(off[0]))
+        read_pose(values[off[0]], path.format(off[0]))
     poses = np.tile(np.eye(4), (len(values), 1, 1))
     poses[:, :3, :3] = np.moveaxis(rotation_from_quaternion((quaternions / norms[:, None]).T), -1, 0)
     poses[:, :3, 3] = translations
@@ -147,7 +146,7 @@ def _column(values: list[Any], path: str) -> Array:
             column = np.array([np.nan])
         if np.isfinite(column).all():
             return column
-    return np.array([reader.number(value, path.format(k)) for k, value in enumerate(values)])
+    return np.array([read_number(value, path.format(k)) for k, value in enumerate(values)])
 
 
 def _rows(values: list[Any], width: int, path: str) -> Array:
@@ -161,7 +160,7 @@ def _rows(values: list[Any], width: int, path: str) -> Array:
                 rows = np.array([np.nan])
             if np.isfinite(rows).all():
                 return rows
-    return np.array([reader.numbers(value, path.format(k), width) for k, value in enumerate(values)])
+    return np.array([read_numbers(value, path.format(k), width) for k, value in enumerate(values)])
 
 
 def _codes(values: list[Any], path: str) -> np.ndarray[Any, np.dtype[np.int64]]:

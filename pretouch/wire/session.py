@@ -34,7 +34,7 @@ from pretouch.tof import RangeSamples
 from pretouch.trajectory import Trajectory
 from pretouch.v1 import common_pb2, orchestrator_pb2
 from pretouch.wire import common
-from pretouch.wire.reader import at
+from pretouch.wire.reader import prefix_errors
 
 pb = orchestrator_pb2
 
@@ -99,16 +99,16 @@ def request_from_proto(
     if message.HasField("roi"):
         given["roi"] = (message.roi.u0, message.roi.v0, message.roi.u1, message.roi.v1)
     if message.HasField("table"):
-        with at("table"):
+        with prefix_errors("table"):
             given["table"] = common.contract_from_proto(message.table, Plane, "table")
     if message.HasField("base_t_object"):
-        with at("base_t_object"):
+        with prefix_errors("base_t_object"):
             given["base_T_object"] = common.pose_from_proto(message.base_t_object, "base_t_object")
     if message.proposer:
         given["proposer"] = _choice(message.proposer, "proposer", Proposer)
     if message.planner:
         given["planner"] = _choice(message.planner, "planner", Planner)
-    with at("base_t_camera"):
+    with prefix_errors("base_t_camera"):
         base_T_camera = common.pose_from_proto(message.base_t_camera, "base_t_camera")
     request = SessionRequest(
         camera=common.contract_from_proto(message.camera, Camera, "camera"),
