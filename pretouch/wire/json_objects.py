@@ -67,7 +67,7 @@ def _value_from_json(value: object, wanted: Any, path: str) -> Any:
         kind = get_args(wanted)[0]
         return tuple(_value_from_json(item, kind, f"{path}[{k}]") for k, item in enumerate(read_items(value, path)))
     if get_origin(wanted) is Annotated:
-        return np.array(_numbers(value, wanted.__metadata__[0], path))
+        return np.array(_read_array(value, wanted.__metadata__[0], path))
     read = {float: read_number, int: read_integer, str: read_text, Pose: read_pose}.get(wanted)
     if read is not None:
         return read(value, path)
@@ -76,9 +76,9 @@ def _value_from_json(value: object, wanted: Any, path: str) -> Any:
     return object_from_json(Members(value, path, None), wanted)
 
 
-def _numbers(value: object, shape: tuple[int, ...], path: str) -> Any:
+def _read_array(value: object, shape: tuple[int, ...], path: str) -> Any:
     """Nested lists of `shape`."""
     length, *rest = shape
     if not rest:
         return read_numbers(value, path, length)
-    return [_numbers(row, tuple(rest), f"{path}[{k}]") for k, row in enumerate(read_items(value, path, length))]
+    return [_read_array(row, tuple(rest), f"{path}[{k}]") for k, row in enumerate(read_items(value, path, length))]

@@ -9,7 +9,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pretouch.errors import Unauthenticated
 from pretouch.serving import ServiceContext
-from pretouch_orchestrator.rest.problems import problem_response
+from pretouch_orchestrator.rest.problems import build_problem_response
 
 OPEN_PATHS = ("/healthz", "/readyz")
 """Paths that need no token."""
@@ -41,7 +41,7 @@ class AdmissionMiddleware:
             await send(message)
 
         try:
-            app = self._app if self._admits(scope) else problem_response(_refusal(scope))
+            app = self._app if self._admits(scope) else build_problem_response(_build_refusal(scope))
             await app(scope, receive, send_and_note_status)
         finally:
             seconds = time.perf_counter() - began
@@ -55,15 +55,15 @@ class AdmissionMiddleware:
 
     def _admits(self, scope: Scope) -> bool:
         open_to_all = self._token is None or scope["path"] in OPEN_PATHS
-        return open_to_all or hmac.compare_digest(_authorization(scope), self._token or b"")
+        return open_to_all or hmac.compare_digest(_get_authorization(scope), self._token or b"")
 
 
-def _authorization(scope: Scope) -> bytes:
+def _get_authorization(scope: Scope) -> bytes:
     return bytes(dict(scope["headers"]).get(b"authorization", b""))
 
 
-def _refusal(scope: Scope) -> Unauthenticated:
+def _build_refusal(scope: Scope) -> Unauthenticated:
     return Unauthenticated(
-        "The request carries a wrong token." if _authorization(scope) else "The request carries no token.",
+        "The request carries a wrong token." if _get_authorization(scope) else "The request carries no token.",
         "Send `Authorization: Bearer TOKEN` with the token that the service was started with.",
     )
