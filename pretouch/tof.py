@@ -101,7 +101,8 @@ class RangeSamples:
         crooked = np.flatnonzero(~is_rigid(poses))
         if len(crooked):
             raise InvalidInput(
-                f"samples[{crooked[0]}].base_T_tip is not a rigid transform.", "Send the tip's pose in base."
+                f"samples[{crooked[0]}].base_T_tip is not a rigid transform.",
+                "Send the tip's pose in base, z along the beam.",
             )
         ranges = np.array(self.range, dtype=np.float64)
         if ranges.shape != (n,) or np.isinf(ranges).any():

@@ -31,10 +31,9 @@ from pretouch.session import (
 )
 from pretouch.tof import Sensor
 from pretouch.trajectory import Trajectory
-from pretouch.wire import reader
 from pretouch.wire.json_objects import names_in_json, object_from_json, object_to_json, pose_to_json
-from pretouch.wire.json_samples import pose_objects, poses_from_objects, submission_from_json, submission_to_json
-from pretouch.wire.reader import Members, at
+from pretouch.wire.json_samples import poses_from_json, poses_to_json, submission_from_json, submission_to_json
+from pretouch.wire.reader import Members, prefix_errors, read_integer, read_items, read_pose
 
 __all__ = [
     "estimate_from_json",
@@ -64,7 +63,7 @@ _Choice = TypeVar("_Choice", bound=StrEnum)
 
 
 def pose_from_json(value: object, path: str = "pose") -> Pose:
-    return reader.pose(value, path)
+    return read_pose(value, path)
 
 
 def request_to_json(request: SessionRequest) -> dict[str, Any]:
@@ -101,29 +100,29 @@ def request_from_json(document: object) -> SessionRequest:
         given["depth_scale"] = camera.number("depth_scale")
     if "roi" in members:
         path = members.path("roi")
-        roi = reader.items(members.get("roi"), path, 4)
-        given["roi"] = tuple(reader.integer(value, f"{path}[{k}]") for k, value in enumerate(roi))
+        roi = read_items(members.get("roi"), path, 4)
+        given["roi"] = tuple(read_integer(value, f"{path}[{k}]") for k, value in enumerate(roi))
     if "table" in members:
-        given["table"] = _table(members.members("table", names_in_json(Plane)))
+        given["table"] = _read_table(members.members("table", names_in_json(Plane)))
     if "base_T_object" in members:
         given["base_T_object"] = members.pose("base_T_object")
     for name, kind in _SETTINGS.items():
         if name in members:
             given[name] = object_from_json(members.members(name, names_in_json(kind)), kind)
     if "proposer" in members:
-        given["proposer"] = _choice(members, "proposer", Proposer)
+        given["proposer"] = _read_choice(members, "proposer", Proposer)
     if "planner" in members:
-        given["planner"] = _choice(members, "planner", Planner)
+        given["planner"] = _read_choice(members, "planner", Planner)
     return SessionRequest(camera=object_from_json(camera, Camera), base_T_camera=members.pose("base_T_camera"), **given)
 
 
-def _table(members: Members) -> Plane:
+def _read_table(members: Members) -> Plane:
     normal, offset = members.numbers("normal", 3), members.number("offset")
-    with at("table"):
+    with prefix_errors("table"):
         return Plane(np.array(normal), offset)
 
 
-def _choice(members: Members, name: str, kind: type[_Choice]) -> _Choice:
+def _read_choice(members: Members, name: str, kind: type[_Choice]) -> _Choice:
     value = members.text(name)
     if value not in list(kind):
         raise InvalidInput(f"{members.path(name)} is {value!r:.60}.", f"Choose {', '.join(kind)}.")
@@ -146,7 +145,7 @@ def scan_plan_to_json(plan: ScanPlan) -> dict[str, Any]:
         "region_id": plan.region_id,
         "waypoints": [
             {"t": t, "base_T_tip": pose}
-            for t, pose in zip(plan.path.t.tolist(), pose_objects(plan.path.base_T_tip), strict=True)
+            for t, pose in zip(plan.path.t.tolist(), poses_to_json(plan.path.base_T_tip), strict=True)
         ],
         "length": plan.path.length,
         "duration": plan.path.duration,
@@ -159,7 +158,7 @@ def scan_plan_from_json(value: object, path: str = "next_scan") -> ScanPlan:
         Members(each, f"{path}.waypoints[{k}]", ("t", "base_T_tip"))
         for k, each in enumerate(members.items("waypoints"))
     ]
-    poses = poses_from_objects([each.get("base_T_tip") for each in waypoints], f"{path}.waypoints[{{}}].base_T_tip")
+    poses = poses_from_json([each.get("base_T_tip") for each in waypoints], f"{path}.waypoints[{{}}].base_T_tip")
     times = np.array([each.number("t") for each in waypoints])
     return ScanPlan(members.text("scan_id"), members.text("region_id"), Trajectory(times, poses))
 
@@ -193,9 +192,9 @@ def session_from_json(document: object) -> Session:
     next_scan = members.get("next_scan")
     return Session(
         id=members.text("id"),
-        state=_choice(members, "state", State),
-        proposer=_choice(members, "proposer", Proposer),
-        planner=_choice(members, "planner", Planner),
+        state=_read_choice(members, "state", State),
+        proposer=_read_choice(members, "proposer", Proposer),
+        planner=_read_choice(members, "planner", Planner),
         regions=tuple(object_from_json(each, Region) for each in members.objects("regions")),
         estimate=estimate_from_json(estimate),
         next_scan=None if next_scan is None else scan_plan_from_json(next_scan),

@@ -9,9 +9,8 @@ import numpy as np
 
 from pretouch.geometry import Pose
 from pretouch.rectangle import RotatedRectangle
-from pretouch.wire import reader
 from pretouch.wire.contract import contract_fields
-from pretouch.wire.reader import Members
+from pretouch.wire.reader import Members, read_integer, read_items, read_number, read_numbers, read_pose, read_text
 
 _Owner = TypeVar("_Owner")
 
@@ -66,20 +65,20 @@ def _value_to_json(value: Any) -> Any:
 def _value_from_json(value: object, wanted: Any, path: str) -> Any:
     if get_origin(wanted) is tuple:
         kind = get_args(wanted)[0]
-        return tuple(_value_from_json(item, kind, f"{path}[{k}]") for k, item in enumerate(reader.items(value, path)))
+        return tuple(_value_from_json(item, kind, f"{path}[{k}]") for k, item in enumerate(read_items(value, path)))
     if get_origin(wanted) is Annotated:
-        return np.array(_numbers(value, wanted.__metadata__[0], path))
-    read = {float: reader.number, int: reader.integer, str: reader.text, Pose: reader.pose}.get(wanted)
+        return np.array(_read_array(value, wanted.__metadata__[0], path))
+    read = {float: read_number, int: read_integer, str: read_text, Pose: read_pose}.get(wanted)
     if read is not None:
         return read(value, path)
     if wanted is RotatedRectangle:
-        return RotatedRectangle(*reader.numbers(value, path, 5))
+        return RotatedRectangle(*read_numbers(value, path, 5))
     return object_from_json(Members(value, path, None), wanted)
 
 
-def _numbers(value: object, shape: tuple[int, ...], path: str) -> Any:
+def _read_array(value: object, shape: tuple[int, ...], path: str) -> Any:
     """Nested lists of `shape`."""
     length, *rest = shape
     if not rest:
-        return reader.numbers(value, path, length)
-    return [_numbers(row, tuple(rest), f"{path}[{k}]") for k, row in enumerate(reader.items(value, path, length))]
+        return read_numbers(value, path, length)
+    return [_read_array(row, tuple(rest), f"{path}[{k}]") for k, row in enumerate(read_items(value, path, length))]

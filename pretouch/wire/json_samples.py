@@ -1,4 +1,4 @@
-"""What a client says of a planned scan, in JSON. Read column by column: 20,000 samples take a fraction of a second."""
+"""Results of scans <-> JSON. They are read column by column, so that 20,000 samples take a fraction of a second."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from pretouch.errors import InvalidInput, TooLarge
 from pretouch.geometry import QUATERNION_NORM_TOLERANCE, Array, quaternion_from_rotation, rotation_from_quaternion
 from pretouch.session import GatewaySpan, Points, Skipped, Submission
 from pretouch.tof import MAX_SAMPLES, RangeSamples
-from pretouch.wire import reader
-from pretouch.wire.reader import Members
+from pretouch.wire.reader import Members, read_number, read_numbers, read_pose
 
 _SAMPLE = ("t", "base_T_tip", "range", "status", "module")
 _KINDS = ("samples", "points", "gateway", "skipped")
@@ -52,17 +51,17 @@ def submission_from_json(document: object) -> Submission:
         reason = members.text("skipped")
         return Skipped(_samples_from_json(members.items("samples")) if "samples" in members else None, reason)
     if given == ["samples"]:
-        return _samples_from_json(_not_empty(members, "samples"))
+        return _samples_from_json(_read_nonempty(members, "samples"))
     if given == ["points"]:
-        points = _not_empty(members, "points")
-        return Points(_rows(points, 3, "points[{}]"))
+        points = _read_nonempty(members, "points")
+        return Points(_read_rows(points, 3, "points[{}]"))
     raise InvalidInput(
         f"The scan has {', '.join(given) or 'none of samples, points, gateway and skipped'}.",
         "Send one of samples, points, gateway or skipped; samples may come along with skipped.",
     )
 
 
-def pose_objects(poses: Array) -> list[dict[str, Any]]:
+def poses_to_json(poses: Array) -> list[dict[str, Any]]:
     """Poses (n, 4, 4) as JSON poses."""
     return [
         {"translation": pose[:3, 3].tolist(), "rotation": quaternion_from_rotation(pose[:3, :3]).tolist()}
@@ -70,15 +69,15 @@ def pose_objects(poses: Array) -> list[dict[str, Any]]:
     ]
 
 
-def poses_from_objects(values: Sequence[object], path: str) -> Array:
+def poses_from_json(values: Sequence[object], path: str) -> Array:
     """JSON poses as (n, 4, 4); `path` with the index at its `{}` names each in errors."""
-    members = _columns(values, ("translation", "rotation"), path)
-    translations = _rows(members["translation"], 3, path + ".translation")
-    quaternions = _rows(members["rotation"], 4, path + ".rotation")
+    members = _split_columns(values, ("translation", "rotation"), path)
+    translations = _read_rows(members["translation"], 3, path + ".translation")
+    quaternions = _read_rows(members["rotation"], 4, path + ".rotation")
     norms = np.linalg.norm(quaternions, axis=1)
     off = np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE)
     if len(off):
-        reader.pose(values[off[0]], path.format(off[0]))
+        read_pose(values[off[0]], path.format(off[0]))
     poses = np.tile(np.eye(4), (len(values), 1, 1))
     poses[:, :3, :3] = np.moveaxis(rotation_from_quaternion((quaternions / norms[:, None]).T), -1, 0)
     poses[:, :3, 3] = translations
@@ -87,7 +86,7 @@ def poses_from_objects(values: Sequence[object], path: str) -> Array:
 
 def _samples_to_json(samples: RangeSamples) -> list[dict[str, Any]]:
     ranges = [None if value != value else value for value in samples.range.tolist()]
-    columns = (samples.t.tolist(), pose_objects(samples.base_T_tip), ranges)
+    columns = (samples.t.tolist(), poses_to_json(samples.base_T_tip), ranges)
     codes = (samples.status.tolist(), samples.module.tolist())
     return [dict(zip(_SAMPLE, row, strict=True)) for row in zip(*columns, *codes, strict=True)]
 
@@ -95,19 +94,19 @@ def _samples_to_json(samples: RangeSamples) -> list[dict[str, Any]]:
 def _samples_from_json(values: list[Any]) -> RangeSamples:
     if len(values) > MAX_SAMPLES:
         raise TooLarge(f"samples has {len(values)} items; the limit is {MAX_SAMPLES}.", "Thin out the scan.")
-    columns = _columns(values, _SAMPLE, "samples[{}]", {"status": 0, "module": 0})
+    columns = _split_columns(values, _SAMPLE, "samples[{}]", {"status": 0, "module": 0})
     missing = np.array([value is None for value in columns["range"]], dtype=bool)
-    ranges = _column([0.0 if value is None else value for value in columns["range"]], "samples[{}].range")
+    ranges = _read_column([0.0 if value is None else value for value in columns["range"]], "samples[{}].range")
     return RangeSamples(
-        t=_column(columns["t"], "samples[{}].t"),
-        base_T_tip=poses_from_objects(columns["base_T_tip"], "samples[{}].base_T_tip"),
+        t=_read_column(columns["t"], "samples[{}].t"),
+        base_T_tip=poses_from_json(columns["base_T_tip"], "samples[{}].base_T_tip"),
         range=np.where(missing, np.nan, ranges),
-        status=_codes(columns["status"], "samples[{}].status"),
-        module=_codes(columns["module"], "samples[{}].module"),
+        status=_read_codes(columns["status"], "samples[{}].status"),
+        module=_read_codes(columns["module"], "samples[{}].module"),
     )
 
 
-def _not_empty(members: Members, name: str) -> list[Any]:
+def _read_nonempty(members: Members, name: str) -> list[Any]:
     values = members.items(name)
     if not values:
         raise InvalidInput(f"{name} is empty.", 'Send what the sensor gave, misses too, or {"skipped": "unreachable"}.')
@@ -116,7 +115,7 @@ def _not_empty(members: Members, name: str) -> list[Any]:
     return values
 
 
-def _columns(
+def _split_columns(
     values: Sequence[Any], names: tuple[str, ...], path: str, defaults: dict[str, Any] | None = None
 ) -> dict[str, list[Any]]:
     """The members of JSON objects, one list for each name."""
@@ -138,7 +137,7 @@ def _columns(
     }
 
 
-def _column(values: list[Any], path: str) -> Array:
+def _read_column(values: list[Any], path: str) -> Array:
     """JSON numbers as (n,)."""
     if set(map(type, values)) <= {int, float}:
         try:
@@ -147,10 +146,10 @@ def _column(values: list[Any], path: str) -> Array:
             column = np.array([np.nan])
         if np.isfinite(column).all():
             return column
-    return np.array([reader.number(value, path.format(k)) for k, value in enumerate(values)])
+    return np.array([read_number(value, path.format(k)) for k, value in enumerate(values)])
 
 
-def _rows(values: list[Any], width: int, path: str) -> Array:
+def _read_rows(values: list[Any], width: int, path: str) -> Array:
     """JSON lists of `width` numbers each as (n, width)."""
     if set(map(type, values)) <= {list} and set(map(len, values)) <= {width}:
         flat = list(chain.from_iterable(values))
@@ -161,12 +160,12 @@ def _rows(values: list[Any], width: int, path: str) -> Array:
                 rows = np.array([np.nan])
             if np.isfinite(rows).all():
                 return rows
-    return np.array([reader.numbers(value, path.format(k), width) for k, value in enumerate(values)])
+    return np.array([read_numbers(value, path.format(k), width) for k, value in enumerate(values)])
 
 
-def _codes(values: list[Any], path: str) -> np.ndarray[Any, np.dtype[np.int64]]:
+def _read_codes(values: list[Any], path: str) -> np.ndarray[Any, np.dtype[np.int64]]:
     """JSON whole numbers from 0 to MAX_CODE as (n,)."""
-    column = _column(values, path)
+    column = _read_column(values, path)
     bad = np.flatnonzero((column != np.floor(column)) | (column < 0) | (column > MAX_CODE))
     if len(bad):
         raise InvalidInput(

@@ -15,7 +15,7 @@ _REQUIRED: Final = object()
 
 
 @contextmanager
-def at(path: str) -> Iterator[None]:
+def prefix_errors(path: str) -> Iterator[None]:
     """Puts `path` before the detail of an input error raised within."""
     try:
         yield
@@ -23,13 +23,13 @@ def at(path: str) -> Iterator[None]:
         raise type(error)(f"{path}: {error.detail}", error.remedy) from error
 
 
-def kind(value: object) -> str:
+def name_kind(value: object) -> str:
     """The JSON name of a value's type."""
     names = {dict: "an object", list: "a list", str: "a string", bool: "a boolean", int: "a number", float: "a number"}
     return "null" if value is None else names.get(type(value), type(value).__name__)
 
 
-def number(value: object, path: str) -> float:
+def read_number(value: object, path: str) -> float:
     """A finite number.
 
     Raises:
@@ -37,7 +37,7 @@ def number(value: object, path: str) -> float:
         Malformed: not finite.
     """
     if type(value) is not float and type(value) is not int:
-        raise InvalidInput(f"{path} is {kind(value)}, not a number.", f"Send {path} as a number.")
+        raise InvalidInput(f"{path} is {name_kind(value)}, not a number.", f"Send {path} as a number.")
     try:
         result = float(value)
     except OverflowError:
@@ -47,32 +47,32 @@ def number(value: object, path: str) -> float:
     return result
 
 
-def integer(value: object, path: str) -> int:
+def read_integer(value: object, path: str) -> int:
     """A whole number of at most 31 bits and a sign; 3.0 is one."""
-    result = number(value, path)
+    result = read_number(value, path)
     if not result.is_integer() or abs(result) > MAX_INTEGER:
         raise InvalidInput(f"{path} is {value!r:.40}, not a whole number.", f"Send a whole number for {path}.")
     return int(result)
 
 
-def items(value: object, path: str, length: int | None = None) -> list[Any]:
+def read_items(value: object, path: str, length: int | None = None) -> list[Any]:
     """A list, of `length` items if given."""
     if type(value) is not list:
-        raise InvalidInput(f"{path} is {kind(value)}, not a list.", f"Send {path} as a list.")
+        raise InvalidInput(f"{path} is {name_kind(value)}, not a list.", f"Send {path} as a list.")
     if length is not None and len(value) != length:
         raise InvalidInput(f"{path} has {len(value)} items, not {length}.", f"Send {length} items for {path}.")
     return value
 
 
-def numbers(value: object, path: str, length: int) -> list[float]:
+def read_numbers(value: object, path: str, length: int) -> list[float]:
     """A list of `length` finite numbers."""
-    return [number(item, f"{path}[{k}]") for k, item in enumerate(items(value, path, length))]
+    return [read_number(item, f"{path}[{k}]") for k, item in enumerate(read_items(value, path, length))]
 
 
-def text(value: object, path: str) -> str:
+def read_text(value: object, path: str) -> str:
     """A string."""
     if type(value) is not str:
-        raise InvalidInput(f"{path} is {kind(value)}, not a string.", f"Send {path} as a string.")
+        raise InvalidInput(f"{path} is {name_kind(value)}, not a string.", f"Send {path} as a string.")
     return value
 
 
@@ -91,7 +91,7 @@ class Members:
     def __init__(self, value: object, path: str, known: tuple[str, ...] | None) -> None:
         if type(value) is not dict:
             name = path or "The document"
-            raise InvalidInput(f"{name} is {kind(value)}, not an object.", "Send a JSON object.")
+            raise InvalidInput(f"{name} is {name_kind(value)}, not an object.", "Send a JSON object.")
         self._value = value
         self._path = path
         unknown = [] if known is None else [name for name in value if name not in known]
@@ -119,19 +119,19 @@ class Members:
         return value
 
     def number(self, name: str) -> float:
-        return number(self.get(name), self.path(name))
+        return read_number(self.get(name), self.path(name))
 
     def integer(self, name: str) -> int:
-        return integer(self.get(name), self.path(name))
+        return read_integer(self.get(name), self.path(name))
 
     def numbers(self, name: str, length: int) -> list[float]:
-        return numbers(self.get(name), self.path(name), length)
+        return read_numbers(self.get(name), self.path(name), length)
 
     def items(self, name: str) -> list[Any]:
-        return items(self.get(name), self.path(name))
+        return read_items(self.get(name), self.path(name))
 
     def text(self, name: str) -> str:
-        return text(self.get(name), self.path(name))
+        return read_text(self.get(name), self.path(name))
 
     def members(self, name: str, known: tuple[str, ...] | None) -> Members:
         return Members(self.get(name), self.path(name), known)
@@ -141,12 +141,12 @@ class Members:
         return [Members(item, f"{self.path(name)}[{k}]", None) for k, item in enumerate(self.items(name))]
 
     def pose(self, name: str) -> Pose:
-        return pose(self.get(name), self.path(name))
+        return read_pose(self.get(name), self.path(name))
 
 
-def pose(value: object, path: str) -> Pose:
+def read_pose(value: object, path: str) -> Pose:
     """`{"translation": [x, y, z], "rotation": [x, y, z, w]}`; metres, a unit quaternion."""
     members = Members(value, path, ("translation", "rotation"))
     translation, rotation = members.numbers("translation", 3), members.numbers("rotation", 4)
-    with at(path):
+    with prefix_errors(path):
         return Pose.from_quaternion(translation, rotation)

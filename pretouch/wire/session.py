@@ -34,7 +34,7 @@ from pretouch.tof import RangeSamples
 from pretouch.trajectory import Trajectory
 from pretouch.v1 import common_pb2, orchestrator_pb2
 from pretouch.wire import common
-from pretouch.wire.reader import at
+from pretouch.wire.reader import prefix_errors
 
 pb = orchestrator_pb2
 
@@ -99,16 +99,16 @@ def request_from_proto(
     if message.HasField("roi"):
         given["roi"] = (message.roi.u0, message.roi.v0, message.roi.u1, message.roi.v1)
     if message.HasField("table"):
-        with at("table"):
+        with prefix_errors("table"):
             given["table"] = common.contract_from_proto(message.table, Plane, "table")
     if message.HasField("base_t_object"):
-        with at("base_t_object"):
+        with prefix_errors("base_t_object"):
             given["base_T_object"] = common.pose_from_proto(message.base_t_object, "base_t_object")
     if message.proposer:
-        given["proposer"] = _choice(message.proposer, "proposer", Proposer)
+        given["proposer"] = _read_choice(message.proposer, "proposer", Proposer)
     if message.planner:
-        given["planner"] = _choice(message.planner, "planner", Planner)
-    with at("base_t_camera"):
+        given["planner"] = _read_choice(message.planner, "planner", Planner)
+    with prefix_errors("base_t_camera"):
         base_T_camera = common.pose_from_proto(message.base_t_camera, "base_t_camera")
     request = SessionRequest(
         camera=common.contract_from_proto(message.camera, Camera, "camera"),
@@ -125,7 +125,7 @@ def request_from_proto(
     return request, depth, mask
 
 
-def _choice(value: str, name: str, kind: type[_Choice]) -> _Choice:
+def _read_choice(value: str, name: str, kind: type[_Choice]) -> _Choice:
     if value not in list(kind):
         raise InvalidInput(f"{name} is {value!r:.60}.", f"Choose {', '.join(kind)}.")
     return kind(value)
@@ -182,8 +182,8 @@ def session_from_proto(message: pb.Session) -> Session:
     return Session(
         id=message.id,
         state=states[message.state],
-        proposer=_choice(message.proposer, "proposer", Proposer),
-        planner=_choice(message.planner, "planner", Planner),
+        proposer=_read_choice(message.proposer, "proposer", Proposer),
+        planner=_read_choice(message.planner, "planner", Planner),
         regions=tuple(common.contract_from_proto(region, Region, "region") for region in message.regions),
         estimate=common.estimate_from_proto(message.estimate),
         next_scan=scan_plan_from_proto(message.next_scan) if message.HasField("next_scan") else None,
@@ -223,7 +223,7 @@ def submission_from_proto(message: pb.SubmitScanRequest) -> Submission:
     """
     match message.WhichOneof("result"):
         case "samples":
-            return _samples(message.samples, empty=False)
+            return _read_samples(message.samples, empty=False)
         case "points":
             points = common.array_from_proto(message.points.points, "points")
             _refuse_empty(len(points) if points.ndim else 0, "points")
@@ -231,13 +231,13 @@ def submission_from_proto(message: pb.SubmitScanRequest) -> Submission:
         case "gateway":
             return GatewaySpan(message.gateway.device, getattr(message.gateway, "from"), message.gateway.to)
         case "skipped":
-            taken = _samples(message.skipped.samples, empty=True) if message.skipped.HasField("samples") else None
+            taken = _read_samples(message.skipped.samples, empty=True) if message.skipped.HasField("samples") else None
             return Skipped(taken, message.skipped.reason)
         case _:
             raise InvalidInput("The scan has no result.", "Send one of samples, points, gateway or skipped.")
 
 
-def _samples(message: common_pb2.Samples, *, empty: bool) -> RangeSamples:
+def _read_samples(message: common_pb2.Samples, *, empty: bool) -> RangeSamples:
     for name in ("status", "module"):
         if getattr(message, name).type != common_pb2.SCALAR_TYPE_UINT8:
             raise InvalidInput(f"samples.{name} is not packed as UINT8.", f"Send samples.{name} as UINT8.")

@@ -13,7 +13,7 @@ from helpers.records import a_record, after_a_scan
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_orchestrator.rest import models as documents
-from pretouch_orchestrator.rest.bodies import json_from_bytes
+from pretouch_orchestrator.rest.bodies import parse_json
 from pydantic import TypeAdapter
 
 from pretouch.errors import Malformed
@@ -78,7 +78,7 @@ def test_the_description_refers_only_to_what_it_holds() -> None:
 @given(st.binary(max_size=200) | st.text(max_size=100).map(str.encode))
 def test_any_bytes_are_json_or_malformed(data: bytes) -> None:
     try:
-        document = json_from_bytes(data, "The body")
+        document = parse_json(data, "The body")
     except Malformed:
         return
     assert text.loads(data) == document
@@ -87,4 +87,4 @@ def test_any_bytes_are_json_or_malformed(data: bytes) -> None:
 @pytest.mark.parametrize("data", [b"NaN", b"[Infinity]", b'{"a": -Infinity}', b'"\\ud800"', b"[" * 99_999, b"9" * 9999])
 def test_what_is_not_json_is_malformed(data: bytes) -> None:
     with pytest.raises(Malformed, match="The body is not JSON"):
-        json_from_bytes(data, "The body")
+        parse_json(data, "The body")

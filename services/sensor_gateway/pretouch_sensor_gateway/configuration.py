@@ -27,7 +27,7 @@ from pathlib import Path
 
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
-from pretouch.wire.reader import Members, at, pose
+from pretouch.wire.reader import Members, prefix_errors, read_pose
 from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.recording.validation import check_recording
@@ -112,7 +112,7 @@ def load_configuration(environment: Mapping[str, str]) -> GatewaySetting:
             raise InvalidInput(f"{VARIABLE} holds {entry!r}, which is not name=port.", _REMEDY)
         if name in (other.name for other in devices):
             raise InvalidInput(f"{VARIABLE} names the device {name!r} twice.", "Give each device its own name.")
-        with at(f"{VARIABLE}: {entry}"):
+        with prefix_errors(f"{VARIABLE}: {entry}"):
             devices.append(DeviceSetting(name, address))
     return GatewaySetting(tuple(devices))
 
@@ -122,7 +122,7 @@ def _read_file(path: Path) -> GatewaySetting:
         document = tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InvalidInput(f"The gateway's configuration {path} cannot be read: {error}.", _REMEDY) from error
-    with at(str(path)):
+    with prefix_errors(str(path)):
         members = Members(document, "", ("recordings", "devices"))
         recordings = path.parent / members.text("recordings") if "recordings" in members else None
         devices = members.get("devices", {})
@@ -135,7 +135,7 @@ def _read_file(path: Path) -> GatewaySetting:
 
 
 def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
-    with at(f"devices.{name}"):
+    with prefix_errors(f"devices.{name}"):
         members = Members(value, "", ("address", "format", "baud", "calibration", "modules", "record"))
         address = members.text("address")
         if address.startswith(_REPLAY):
@@ -150,7 +150,7 @@ def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
             wire_format=members.text("format") if "format" in members else AUTO,
             baud=members.integer("baud") if "baud" in members else DEFAULT_BAUD,
             calibration=calibration,
-            tip_T_module=tuple(pose(item, f"modules[{k}]") for k, item in enumerate(members.items("modules")))
+            tip_T_module=tuple(read_pose(item, f"modules[{k}]") for k, item in enumerate(members.items("modules")))
             if "modules" in members
             else (Pose.identity(),),
             record=record,

@@ -8,7 +8,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pretouch.serving import ServiceContext
 from pretouch.serving.admission import TokenCheck
-from pretouch_orchestrator.rest.problems import problem_response
+from pretouch_orchestrator.rest.problems import build_problem_response
 
 OPEN_PATHS = ("/healthz", "/readyz")
 """Paths that need no token."""
@@ -40,8 +40,8 @@ class AdmissionMiddleware:
             await send(message)
 
         try:
-            refusal = None if scope["path"] in OPEN_PATHS else self._token_check.refusal(_authorization(scope))
-            app = self._app if refusal is None else problem_response(refusal)
+            refusal = None if scope["path"] in OPEN_PATHS else self._token_check.refusal(_get_authorization(scope))
+            app = self._app if refusal is None else build_problem_response(refusal)
             await app(scope, receive, send_and_note_status)
         finally:
             seconds = time.perf_counter() - began
@@ -54,5 +54,5 @@ class AdmissionMiddleware:
                 )
 
 
-def _authorization(scope: Scope) -> bytes:
+def _get_authorization(scope: Scope) -> bytes:
     return bytes(dict(scope["headers"]).get(b"authorization", b""))

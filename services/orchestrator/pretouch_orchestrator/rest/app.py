@@ -20,7 +20,7 @@ from pretouch.session import SessionRequest, Submission
 from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
 from pretouch_orchestrator.rest import examples, models, openapi
 from pretouch_orchestrator.rest.admission import AdmissionMiddleware
-from pretouch_orchestrator.rest.bodies import json_from_bytes, read_json, read_parts
+from pretouch_orchestrator.rest.bodies import parse_json, read_json, read_parts
 from pretouch_orchestrator.rest.body_limit import BodyLimit
 from pretouch_orchestrator.rest.docs_page import render_docs_page
 from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, ScanId, SessionId
@@ -62,12 +62,12 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         "/v1/sessions",
         status_code=201,
         summary="Create a session",
-        responses=openapi.responses(
+        responses=openapi.describe_responses(
             201,
-            openapi.json_response(models.Session, "The new session."),
+            openapi.describe_json(models.Session, "The new session."),
             *(400, 401, 409, 413, 415, 422, 429, 503, 504),
         ),
-        openapi_extra=openapi.creation_body(),
+        openapi_extra=openapi.describe_creation_body(),
     )
     async def create_session(request: Request, idempotency_key: IdempotencyKey = "") -> Response:
         """Takes a depth image; returns regions, the first estimate and the path of the first scan.
@@ -81,9 +81,9 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     @app.get(
         "/v1/sessions",
         summary="List sessions",
-        responses=openapi.responses(
+        responses=openapi.describe_responses(
             200,
-            openapi.json_response(models.SessionList, "The newest first."),
+            openapi.describe_json(models.SessionList, "The newest first."),
             *(401, 422, 429, 503),
         ),
     )
@@ -96,9 +96,9 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     @app.get(
         "/v1/sessions/{session_id}",
         summary="Get a session",
-        responses=openapi.responses(
+        responses=openapi.describe_responses(
             200,
-            openapi.json_response(models.Session, "The session."),
+            openapi.describe_json(models.Session, "The session."),
             *(401, 404, 503),
         ),
     )
@@ -110,7 +110,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         "/v1/sessions/{session_id}",
         status_code=204,
         summary="Cancel a session",
-        responses=openapi.responses(204, {"description": "The session has ended."}, 401, 404, 503),
+        responses=openapi.describe_responses(204, {"description": "The session has ended."}, 401, 404, 503),
     )
     async def cancel_session(session_id: SessionId) -> Response:
         """Cancels the session; one that has already ended keeps its state."""
@@ -120,9 +120,9 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     @app.get(
         "/v1/sessions/{session_id}/next-scan",
         summary="Get the next scan's path",
-        responses=openapi.responses(
+        responses=openapi.describe_responses(
             200,
-            openapi.json_response(models.ScanPlan, "The path."),
+            openapi.describe_json(models.ScanPlan, "The path."),
             *(401, 404, 409, 503),
         ),
     )
@@ -138,12 +138,12 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     @app.post(
         "/v1/sessions/{session_id}/scans/{scan_id}",
         summary="Submit a scan",
-        responses=openapi.responses(
+        responses=openapi.describe_responses(
             200,
-            openapi.json_response(models.Session, "The session after the scan."),
+            openapi.describe_json(models.Session, "The session after the scan."),
             *(400, 401, 404, 409, 413, 415, 422, 429, 503, 504),
         ),
-        openapi_extra=openapi.submission_body(),
+        openapi_extra=openapi.describe_submission_body(),
     )
     async def submit_scan(request: Request, session_id: SessionId, scan_id: ScanId) -> Response:
         """Takes what the finger measured along the planned path. Repeating a scan returns the present session."""
@@ -157,7 +157,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
 def _decode_creation(
     parts: dict[str, bytes],
 ) -> tuple[SessionRequest, NDArray[np.generic], NDArray[np.generic] | None]:
-    request = request_from_json(json_from_bytes(parts["request"], "The part 'request'"))
+    request = request_from_json(parse_json(parts["request"], "The part 'request'"))
     values = decode_depth(parts["depth"])
     if "mask" not in parts:
         return request, values, None
@@ -168,17 +168,17 @@ def _decode_creation(
 
 
 def _decode_submission(body: bytes) -> Submission:
-    return submission_from_json(json_from_bytes(body, "The body"))
+    return submission_from_json(parse_json(body, "The body"))
 
 
 def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
-    event_stream = openapi.text_response("text/event-stream", "Server-sent events; their data is JSON.", examples.EVENT)
+    event_stream = openapi.describe_text("text/event-stream", "Server-sent events; their data is JSON.", examples.EVENT)
 
     @app.get(
         "/v1/sessions/{session_id}/events",
         response_class=StreamingResponse,
         summary="Stream a session's events",
-        responses=openapi.responses(200, event_stream, 400, 401, 404, 503),
+        responses=openapi.describe_responses(200, event_stream, 400, 401, 404, 503),
     )
     async def stream_events(
         session_id: SessionId,
@@ -208,7 +208,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
     @app.get(
         "/healthz",
         summary="Is it alive?",
-        responses=openapi.responses(200, openapi.json_response(models.Health, "It answers.")),
+        responses=openapi.describe_responses(200, openapi.describe_json(models.Health, "It answers.")),
     )
     async def get_health() -> dict[str, Any]:
         """The service answers."""
@@ -217,7 +217,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
     @app.get(
         "/readyz",
         summary="Is it ready?",
-        responses=openapi.responses(200, openapi.json_response(models.Health, "It can serve sessions."), 503),
+        responses=openapi.describe_responses(200, openapi.describe_json(models.Health, "It can serve sessions."), 503),
     )
     async def get_readiness() -> dict[str, Any]:
         """The store is writable, and the upstream services are ready."""
@@ -228,7 +228,9 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
         "/metrics",
         response_class=PlainTextResponse,
         summary="Metrics",
-        responses=openapi.responses(200, openapi.text_response("text/plain", "Prometheus text.", examples.METRIC)),
+        responses=openapi.describe_responses(
+            200, openapi.describe_text("text/plain", "Prometheus text.", examples.METRIC)
+        ),
     )
     async def get_metrics() -> Response:
         """Returns the metrics in the text format of Prometheus."""
@@ -238,7 +240,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
         "/docs",
         response_class=HTMLResponse,
         summary="This API's description",
-        responses=openapi.responses(200, openapi.text_response("text/html", "A page.", "<!doctype html>...")),
+        responses=openapi.describe_responses(200, openapi.describe_text("text/html", "A page.", "<!doctype html>...")),
     )
     async def get_docs() -> Response:
         """Shows the OpenAPI document as a self-contained page."""

@@ -22,7 +22,7 @@ PARTS: dict[str, tuple[str, ...]] = {
 """The parts of a session's creation and the media types that each may declare; as with curl, it may declare none."""
 
 
-def json_from_bytes(data: bytes, name: str) -> Any:
+def parse_json(data: bytes, name: str) -> Any:
     """Parses a JSON document.
 
     Raises:
@@ -53,7 +53,7 @@ async def read_json(request: Request) -> bytes:
     Raises:
         UnsupportedMedia: another content type, or none.
     """
-    media_type = _media_type(request.headers.get("content-type", ""))
+    media_type = _parse_media_type(request.headers.get("content-type", ""))
     if media_type != "application/json":
         raise UnsupportedMedia(
             f"The body's type is {media_type or 'not given'!r}.", "Send it as `Content-Type: application/json`."
@@ -61,7 +61,7 @@ async def read_json(request: Request) -> bytes:
     try:
         return await request.body()
     except ClientDisconnect as error:
-        raise _cut_off() from error
+        raise _build_cut_off_error() from error
 
 
 async def read_parts(request: Request) -> dict[str, bytes]:
@@ -73,9 +73,9 @@ async def read_parts(request: Request) -> dict[str, bytes]:
         InvalidInput: a part that is missing, unknown or repeated.
     """
     content_type = request.headers.get("content-type", "")
-    if _media_type(content_type) != "multipart/form-data":
+    if _parse_media_type(content_type) != "multipart/form-data":
         raise UnsupportedMedia(
-            f"The body's type is {_media_type(content_type) or 'not given'!r}.",
+            f"The body's type is {_parse_media_type(content_type) or 'not given'!r}.",
             "Send `multipart/form-data` with the parts request, depth and, if you have one, mask.",
         )
     parts: dict[str, bytes] = {}
@@ -84,7 +84,7 @@ async def read_parts(request: Request) -> dict[str, bytes]:
             raise InvalidInput(f"The part {name!r:.80} is not known.", f"Send only {', '.join(PARTS)}.")
         if name in parts:
             raise InvalidInput(f"The part {name!r} occurs twice.", "Send each part once.")
-        if declared and _media_type(declared) not in PARTS[name]:
+        if declared and _parse_media_type(declared) not in PARTS[name]:
             raise UnsupportedMedia(
                 f"The part {name!r} is declared as {declared!r:.80}.", f"Send it as {' or '.join(PARTS[name])}."
             )
@@ -120,10 +120,10 @@ async def _parse_form(request: Request, content_type: str) -> FormData:
             f"The multipart form cannot be read: {error.message}", "Let an HTTP library write the form."
         ) from error
     except ClientDisconnect as error:
-        raise _cut_off() from error
+        raise _build_cut_off_error() from error
 
 
-def _cut_off() -> Malformed:
+def _build_cut_off_error() -> Malformed:
     return Malformed("The body was cut off.", "Send it again.")
 
 
@@ -132,5 +132,5 @@ def _strip_charset(content_type: str) -> str:
     return ";".join(kept)
 
 
-def _media_type(content_type: str) -> str:
+def _parse_media_type(content_type: str) -> str:
     return content_type.partition(";")[0].strip().lower()

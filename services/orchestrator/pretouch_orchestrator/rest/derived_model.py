@@ -19,7 +19,7 @@ LeftOut = SkipJsonSchema[None]
 """Makes a member one that may be left out, but must not be null."""
 
 
-def left_out(description: str) -> Any:
+def optional_field(description: str) -> Any:
     """A member of a type that includes `LeftOut`."""
     return Field(None, description=description, json_schema_extra=_hide_default)
 
@@ -70,7 +70,7 @@ def derive_model(owner: type, base: type[BaseModel], without: Collection[str] = 
         if not field.required and base is StrictModel and field.default is dataclasses.MISSING:
             kind = kind | LeftOut
         if LeftOut in get_args(kind):
-            members[field.name] = kind, left_out(description)
+            members[field.name] = kind, optional_field(description)
         elif field.required or base is not StrictModel:
             members[field.name] = kind, Field(description=description)
         else:

@@ -12,7 +12,14 @@ from pydantic import BaseModel, Field, create_model
 
 from pretouch import camera, estimate, geometry, session, tof
 from pretouch.tof import MAX_SAMPLES
-from pretouch_orchestrator.rest.derived_model import LeftOut, Pose, StrictModel, derive_model, extend_model, left_out
+from pretouch_orchestrator.rest.derived_model import (
+    LeftOut,
+    Pose,
+    StrictModel,
+    derive_model,
+    extend_model,
+    optional_field,
+)
 
 Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Pixel = Annotated[int, Field(ge=0, lt=2**31)]
@@ -74,7 +81,7 @@ Estimate = extend_model(
     ),
     base_T_object=(
         Pose | LeftOut,
-        left_out("The corrected pose of the object in base, if the client gave one to correct."),
+        optional_field("The corrected pose of the object in base, if the client gave one to correct."),
     ),
 )
 Region = derive_model(session.Region, BaseModel)
@@ -184,7 +191,7 @@ class Skipped(StrictModel):
     """A scan that the robot could not make."""
 
     skipped: Literal["unreachable"] = Field(description="Why not.")
-    samples: Annotated[list[Sample], Field(max_length=MAX_SAMPLES)] | LeftOut = left_out(
+    samples: Annotated[list[Sample], Field(max_length=MAX_SAMPLES)] | LeftOut = optional_field(
         "The samples taken so far, if any, with tip poses in base."
     )
 

@@ -27,29 +27,29 @@ _BEARER = {
 _TITLES = {wire.http_status: wire.title for wire in WIRE.values()}
 
 
-def json_response(model: type[BaseModel], description: str) -> dict[str, Any]:
+def describe_json(model: type[BaseModel], description: str) -> dict[str, Any]:
     """A JSON response; the examples are those of the model."""
-    return {"description": description, "content": {"application/json": {"schema": _reference(model)}}}
+    return {"description": description, "content": {"application/json": {"schema": _refer_to(model)}}}
 
 
-def text_response(media_type: str, description: str, example: str) -> dict[str, Any]:
+def describe_text(media_type: str, description: str, example: str) -> dict[str, Any]:
     """A response that is not JSON."""
     return {"description": description, "content": {media_type: {"schema": {"type": "string"}, "example": example}}}
 
 
-def responses(status: int, success: dict[str, Any], *problems: int) -> dict[int | str, dict[str, Any]]:
+def describe_responses(status: int, success: dict[str, Any], *problems: int) -> dict[int | str, dict[str, Any]]:
     """A route's successful response, and the statuses of its problem documents."""
     described: dict[int | str, dict[str, Any]] = {status: success}
     for code in problems:
-        content = {"schema": _reference(models.Problem), "example": examples.PROBLEMS[code]}
+        content = {"schema": _refer_to(models.Problem), "example": examples.PROBLEMS[code]}
         described[code] = {"description": _TITLES[code], "content": {PROBLEM_TYPE: content}}
     return described
 
 
-def creation_body() -> dict[str, Any]:
+def describe_creation_body() -> dict[str, Any]:
     """The multipart body of a session's creation."""
     properties = {
-        "request": _reference(models.SessionRequest) | {"description": "The request, without the images."},
+        "request": _refer_to(models.SessionRequest) | {"description": "The request, without the images."},
         "depth": {
             "type": "string",
             "format": "binary",
@@ -69,7 +69,7 @@ def creation_body() -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": content}}
 
 
-def submission_body() -> dict[str, Any]:
+def describe_submission_body() -> dict[str, Any]:
     """The JSON body of a scan."""
     schema = {"$ref": _REFERENCE.format(model="Submission")}
     return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
@@ -116,5 +116,5 @@ def _build_document(app: FastAPI, token: bool) -> dict[str, Any]:
     return document
 
 
-def _reference(model: type[BaseModel]) -> dict[str, str]:
+def _refer_to(model: type[BaseModel]) -> dict[str, str]:
     return {"$ref": _REFERENCE.format(model=model.__name__)}

@@ -25,7 +25,7 @@ from pretouch.serving import ServiceContext
 PROBLEM_TYPE = "application/problem+json"
 
 
-def problem_response(error: PretouchError, headers: dict[str, str] | None = None) -> JSONResponse:
+def build_problem_response(error: PretouchError, headers: dict[str, str] | None = None) -> JSONResponse:
     """`error` as an RFC 9457 problem document."""
     extra = dict(headers or {})
     if isinstance(error, Unauthenticated):
@@ -39,32 +39,34 @@ def answer_errors_as_problems(app: FastAPI, context: ServiceContext) -> None:
     async def handle_pretouch_error(_: Request, error: PretouchError) -> JSONResponse:
         if isinstance(error, Internal):
             context.log.error("a request met a defect", exc_info=error)
-        return problem_response(error)
+        return build_problem_response(error)
 
     async def handle_http_error(request: Request, error: HTTPException) -> JSONResponse:
         path, method = request.url.path, request.method
         headers = dict(error.headers or {})
         match error.status_code:
             case 404:
-                return problem_response(NotFound(f"There is nothing at {path!r:.200}.", "See /docs for what there is."))
+                return build_problem_response(
+                    NotFound(f"There is nothing at {path!r:.200}.", "See /docs for what there is.")
+                )
             case 405:
                 headers["Allow"] = _find_allowed_methods(request)
-                return problem_response(
+                return build_problem_response(
                     MethodNotAllowed(f"{path!r:.200} does not support {method!r:.20}.", f"Use {headers['Allow']}."),
                     headers,
                 )
             case status:
                 kinds = {wire.http_status: kind for kind, wire in WIRE.items()}
                 kind = kinds.get(status, Malformed if status < 500 else Internal)
-                return problem_response(kind(str(error.detail), "See /docs for what is expected."), headers)
+                return build_problem_response(kind(str(error.detail), "See /docs for what is expected."), headers)
 
     async def handle_invalid_parameter(_: Request, error: RequestValidationError) -> JSONResponse:
         first = error.errors()[0]
         name = ".".join(str(part) for part in first["loc"][1:])
-        return problem_response(InvalidInput(f"{name}: {first['msg']}.", "See /docs for what is expected."))
+        return build_problem_response(InvalidInput(f"{name}: {first['msg']}.", "See /docs for what is expected."))
 
     async def handle_defect(_: Request, error: Exception) -> JSONResponse:
-        return problem_response(
+        return build_problem_response(
             Internal("The service met a defect of its own.", "Report it with the service's log of this moment.")
         )
 

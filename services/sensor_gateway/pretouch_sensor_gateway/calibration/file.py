@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from pretouch.errors import InvalidInput, Malformed
-from pretouch.wire.reader import Members, at, integer, number
+from pretouch.wire.reader import Members, prefix_errors, read_integer, read_number
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
 from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit, Point, StandardErrors
 
@@ -107,7 +107,7 @@ def _read(path: Path) -> tuple[Calibration, CalibrationRecord | None]:
 def _module(value: object, path: str) -> ModuleCalibration:
     members = Members(value, path, tuple(_MODULE.values()))
     numbers = {name: members.number(member) for name, member in _MODULE.items()}
-    with at(path):
+    with prefix_errors(path):
         return ModuleCalibration(**numbers)
 
 
@@ -142,12 +142,12 @@ def _fit(module: ModuleCalibration, value: object, path: str) -> ModuleFit:
 
 def _point(value: object, path: str) -> Point:
     members = Members(value, path, _POINT)
-    outliers = [number(item, f"{path}.outliers_m[{k}]") for k, item in enumerate(members.items("outliers_m"))]
+    outliers = [read_number(item, f"{path}.outliers_m[{k}]") for k, item in enumerate(members.items("outliers_m"))]
     return Point(
         members.number("distance_m"),
         members.number("mean_m"),
         members.number("std_m"),
-        integer(members.get("samples"), f"{path}.samples"),
+        read_integer(members.get("samples"), f"{path}.samples"),
         tuple(outliers),
         members.number("residual_m"),
     )

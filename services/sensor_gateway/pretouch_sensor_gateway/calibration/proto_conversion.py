@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pretouch.errors import InvalidInput
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from pretouch.wire.reader import at
+from pretouch.wire.reader import prefix_errors
 from pretouch_sensor_gateway.calibration.model import MAX_MODULES, Calibration, ModuleCalibration
 
 
@@ -35,9 +35,9 @@ def calibration_from_proto(message: pb.Calibration) -> Calibration:
         raise InvalidInput(f"calibration has {len(message.modules)} modules.", f"Send at most {MAX_MODULES}.")
     modules = []
     for k, module in enumerate(message.modules):
-        with at(f"calibration.modules[{k}]"):
+        with prefix_errors(f"calibration.modules[{k}]"):
             modules.append(
                 ModuleCalibration(module.offset, module.scale, module.crosstalk, module.std, module.std_slope)
             )
-    with at("calibration"):
+    with prefix_errors("calibration"):
         return Calibration(message.serial, message.warm_up, tuple(modules))
