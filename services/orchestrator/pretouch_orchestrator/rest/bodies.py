@@ -11,9 +11,8 @@ from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import ClientDisconnect
 
 from pretouch.errors import InvalidInput, Malformed, UnsupportedMedia
+from pretouch_orchestrator.rest.body_limit import MAX_BODY
 
-MAX_BODY = 16 * 1024 * 1024
-"""Bytes of a request's body."""
 PARTS: dict[str, tuple[str, ...]] = {
     "request": ("application/json", "text/plain", "application/octet-stream"),
     "depth": ("image/png", "application/octet-stream", "application/x-npy"),

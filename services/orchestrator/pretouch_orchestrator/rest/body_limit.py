@@ -8,8 +8,9 @@ from contextlib import suppress
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pretouch.errors import TooLarge
-from pretouch_orchestrator.rest.bodies import MAX_BODY
 
+MAX_BODY = 16 * 1024 * 1024
+"""Bytes of a request's body."""
 _LINGER_BYTES, _LINGER_SECONDS = 2 * MAX_BODY, 2.0
 """How much of a refused body is read and dropped before the connection is closed: a client whose connection closes
 while it still writes may lose the answer."""
