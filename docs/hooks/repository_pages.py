@@ -14,31 +14,27 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-PAGES = {
-    "README.md": "index.md",
-    "CHANGELOG.md": "project/changelog.md",
-    "CONTRIBUTING.md": "project/contributing.md",
-    "SECURITY.md": "project/security.md",
-    "firmware/README.md": "services/firmware.md",
-    "simulation/README.md": "services/simulation.md",
-    "services/detector/README.md": "services/detector.md",
-    "services/detector/LABELS.md": "services/detector-labels.md",
-    "services/detector/pretouch_detector/weights/MODEL_CARD.md": "services/detector-model-card.md",
-    "services/orchestrator/README.md": "services/orchestrator.md",
-    "services/registrar/README.md": "services/registrar.md",
-    "services/sensor_gateway/README.md": "services/sensor-gateway.md",
-}
-"""Path in the repository to path in the site."""
-
-_SOURCES = {place: source for source, place in PAGES.items()}
 _ROOT = Path(__file__).parents[2]
+_WHERE = ("*.md", "[a-z]*/*.md", "services/*/*.md", "services/*/pretouch_*/weights/*.md")
+_OWN = ("docs", "site")
+
+
+def _find_pages() -> dict[str, str]:
+    """Path in the repository to path in the site."""
+    found = sorted(path.relative_to(_ROOT) for pattern in _WHERE for path in _ROOT.glob(pattern))
+    pages = {path.as_posix(): f"repository/{path.as_posix()}" for path in found if path.parts[0] not in _OWN}
+    return pages | {"README.md": "index.md"}
+
+
+_PAGES = _find_pages()
+_SOURCES = {place: source for source, place in _PAGES.items()}
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s:#]+)(?P<anchor>#[^)\s]*)?\)")
 _CODE = re.compile(r"(^```.*?^```)", re.DOTALL | re.MULTILINE)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the pages."""
-    for source, place in PAGES.items():
+    for source, place in _PAGES.items():
         files.append(File.generated(config, place, content=(_ROOT / source).read_text()))
     return files
 
@@ -50,9 +46,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
     def turn(link: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(source), link["target"]))
-        if (_ROOT / target).is_dir():
+        if (_ROOT / target / "README.md").exists():
             target = f"{target}/README.md"
-        there = PAGES.get(target, target.removeprefix("docs/") if target.startswith("docs/") else None)
+        there = _PAGES.get(target, target.removeprefix("docs/") if target.startswith("docs/") else None)
         if there is None and (_ROOT / target).exists():
             return link["text"]
         address = posixpath.relpath(there or target, posixpath.dirname(place) or ".")

@@ -13,7 +13,7 @@ MADE = {
     "rest": "POST /v1/sessions/{session_id}/scans/{scan_id}",
     "grpc": "PredictScans",
     "cli": "--metrics-port",
-    "errors": "urn:pretouch:problem:too-large",
+    "errors": "method-not-allowed",
     "sdk": "create_session",
 }
 """Something on each page that is made from the code."""
