@@ -67,7 +67,9 @@ class Robot:
 
     def _move(self, motion: CartesianMotion | CartesianWaypointMotion) -> None:
         try:
-            self._robot.move(motion)
+            self._robot.move(motion, asynchronous=True)
+            while self._robot.poll_motion():  # raises what stopped the motion
+                time.sleep(0.005)
         except ControlException as error:
             self._robot.recover_from_errors()
             raise Unreachable from error
