@@ -105,6 +105,8 @@ def main() -> None:
         session = client.create_session(request, "depth.png")  # or the camera's array: (h, w), uint16 or float32
         for state in drive(client, session, lambda plan: scan(robot, gateway, plan)):
             print(f"{state.state}: {1000 * state.estimate.expected_error:.1f} mm expected")
+    if state.reason is not None:
+        print(state.reason["detail"], state.reason["remedy"])
     print("base_T_correction, which maps a point from where the camera put it to where it is:")
     print(state.estimate.base_T_correction.matrix)
 

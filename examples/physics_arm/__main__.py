@@ -12,6 +12,7 @@ from pretouch_simulation.services import Services
 from examples.physics_arm.objects import OBJECTS
 from examples.physics_arm.run import Result, run
 from pretouch.client import RestClient
+from pretouch.errors import PretouchError
 from pretouch.session import State, Tolerance
 
 _HEADER = (
@@ -27,6 +28,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, help="runs of each object")
     parser.add_argument("--tolerance", type=float, default=0.003, help="m within which a pose is good enough")
     options = parser.parse_args()
+    if options.seeds < 1:
+        parser.error(f"--seeds is {options.seeds}; need 1 or more")
     with ExitStack() as stack:
         url = options.url or stack.enter_context(Services()).rest
         client = stack.enter_context(RestClient(url, timeout=120))
@@ -47,7 +50,7 @@ def _line(result: Result) -> str:
     return (
         f"{result.object_name}, seed {result.seed}: {1000 * result.initial_error:.1f} mm off, "
         f"{1000 * result.error:.1f} mm after {result.scans} scans ({1000 * result.expected_error:.1f} mm expected), "
-        f"{result.state}"
+        f"{result.state}{'' if result.covered else ', the truth outside the 95 % region'}"
     )
 
 
@@ -72,4 +75,7 @@ def _row(name: str, results: Sequence[Result], tolerance: float) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except PretouchError as error:
+        raise SystemExit(f"{error.detail} {error.remedy}") from error

@@ -13,6 +13,8 @@ from pretouch.geometry import vector_from_rotation
 
 Array = NDArray[np.float64]
 
+_STARTS = [np.array([turn, 0.3, 0.0, -2.0, 0.0, 2.3, 0.785]) for turn in (0.0, 0.4, -0.4)]
+"""rad: where the search for a path's first pose begins."""
 _STEPS = 100
 _DAMPING = 0.02
 _COMFORT = 0.02
@@ -24,18 +26,17 @@ _FASTEST = 1.5
 """rad/s of any joint."""
 
 
-def follow(world: World, times: Array, base_T_tip: Array) -> tuple[Array, Array] | None:
-    """The joint angles (n, 7), rad, that lead the tip along poses (n, 4, 4) at times (n,), s; and the poses as turned.
+def follow(world: World, times: Array, base_T_tip: Array) -> Array | None:
+    """The joint angles (n, 7), rad, that lead the tip along poses (n, 4, 4) at times (n,), s, turned about the beam.
 
     None where no turn about the beam is within reach, limits and joint speeds, and clear of table and arm.
     """
     for turn in _TURNS:
         spin = np.eye(4)
         spin[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        poses = base_T_tip @ spin
-        path = _solve_path(world, poses)
+        path = _solve_path(world, base_T_tip @ spin)
         if path is not None and (np.abs(np.diff(path, axis=0)) <= _FASTEST * np.diff(times)[:, None]).all():
-            return path, poses
+            return path
     return None
 
 
@@ -60,9 +61,6 @@ def _solve_path(world: World, poses: Array) -> Array | None:
             return None
         path.append(joints)
     return np.stack(path)
-
-
-_STARTS = [np.array([turn, 0.3, 0.0, -2.0, 0.0, 2.3, 0.785]) for turn in (0.0, 0.4, -0.4)]
 
 
 def _solve(world: World, state: mujoco.MjData, pose: Array, starts: Sequence[Array]) -> Array | None:

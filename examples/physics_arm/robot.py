@@ -39,11 +39,8 @@ class Robot:
     def scan(self, plan: ScanPlan) -> RangeSamples | Skipped:
         """Makes the planned scan, or says that the arm cannot."""
         times, poses, start, end = _with_approach(plan)
-        found = follow(self.world, times, poses)
-        if found is None:
-            return Skipped()
-        joints, _ = found
-        if not self._travel(joints[0]):
+        joints = follow(self.world, times, poses)
+        if joints is None or not self._travel(joints[0]):
             return Skipped()
         samples = self._play(times, joints, 1.0 / SENSOR.rate)
         kept = [sample for sample in samples if start <= sample[0] <= end]

@@ -189,6 +189,7 @@ class FakeFranka:
         self.relative_dynamics_factor = 1.0
         self.stopped = False
         self._refusal, self._pose = refusal, pose
+        self._coming: list[Array] = []
         self._read = threading.Semaphore(0)
 
     @property
@@ -201,21 +202,28 @@ class FakeFranka:
         self.stopped = False
         return True
 
-    def move(self, motion: Any) -> None:
+    def move(self, motion: Any, asynchronous: bool) -> None:
+        assert asynchronous
         assert not self.stopped
+        assert not self._coming
         tip_T_flange = np.linalg.inv(motion.ee_frame.matrix)
-        waypoints = motion.waypoints
-        self.motions.append("move" if len(waypoints) == 1 else "servo")
-        for waypoint in waypoints:
-            goal = waypoint.target.pose.end_effector_pose.matrix
-            if goal[0, 3] > self.reach:
-                self.stopped = True
-                raise self._refusal("cartesian_motion_generator_joint_position_limits_violation")
-            self.flange = goal @ tip_T_flange
-            if len(waypoints) > 1:  # long enough for its pose to be read twice, once from its beginning
-                while self._read.acquire(blocking=False):
-                    pass
-                assert all(self._read.acquire(timeout=10) for _ in range(2))
+        tips = [waypoint.target.pose.end_effector_pose.matrix for waypoint in motion.waypoints]
+        self._coming = [tip @ tip_T_flange for tip in tips]
+        self.motions.append("move" if len(tips) == 1 else "servo")
+
+    def poll_motion(self) -> bool:
+        if not self._coming:
+            return False
+        goal = self._coming.pop(0)
+        if goal[0, 3] > self.reach:
+            self.stopped, self._coming = True, []
+            raise self._refusal("cartesian_motion_generator_joint_position_limits_violation")
+        self.flange = goal
+        if self.motions[-1] == "servo":  # long enough for its pose to be read twice, once from its beginning
+            while self._read.acquire(blocking=False):
+                pass
+            assert all(self._read.acquire(timeout=10) for _ in range(2))
+        return True
 
 
 class FakeGateway:

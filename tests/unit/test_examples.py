@@ -50,7 +50,9 @@ def franka(monkeypatch: pytest.MonkeyPatch) -> tuple[ModuleType, FakeFranka]:
     example = importlib.import_module("examples.franka")
     arm = FakeFranka(franky.ControlException, lambda matrix: franky.RobotPose(franky.Affine(matrix)))
     assert all(hasattr(franky.Robot, name) for name in ("current_pose", "relative_dynamics_factor"))
-    check_call(franky.Robot.recover_from_errors)
+    motion = franky.CartesianMotion(franky.Affine())
+    for name, arguments in {"recover_from_errors": {}, "poll_motion": {}, "move": {"asynchronous": True}}.items():
+        check_call(getattr(franky.Robot, name), *([motion] if arguments else []), **arguments)
     monkeypatch.setattr(example, "FrankyRobot", lambda host: arm)
     return example, arm
 
