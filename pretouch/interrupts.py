@@ -13,6 +13,7 @@ from typing import Any
 
 INTERRUPTED = 130
 """Exit code of a command that was interrupted, by Ctrl-C or SIGTERM."""
+_LATER = 0.05  # s, in which the callback has returned
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -30,7 +31,9 @@ def raising_interrupts() -> Iterator[None]:
     def raise_again(unraisable: Any) -> None:
         """An interrupt while a callback or destructor ran, where none can be raised, is raised afterwards."""
         if issubclass(unraisable.exc_type, KeyboardInterrupt):
-            _thread.interrupt_main()
+            again = threading.Timer(_LATER, _thread.interrupt_main)
+            again.daemon = True
+            again.start()
         else:
             hook(unraisable)
 

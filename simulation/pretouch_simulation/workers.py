@@ -30,7 +30,7 @@ def run_in_workers(
         prepare: called once in each worker, with `arguments`: compiles and loads in advance what the first call needs.
 
     Raises:
-        KeyboardInterrupt: calls that had not begun are dropped.
+        KeyboardInterrupt: all calls that have not returned are dropped, at once.
     """
     if not calls:
         return
@@ -44,6 +44,10 @@ def run_in_workers(
                 futures = [pool.submit(function, *call) for call in calls]
             for future in as_completed(futures):
                 yield future.result()
+        except (KeyboardInterrupt, GeneratorExit):
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 

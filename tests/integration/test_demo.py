@@ -1,8 +1,11 @@
 """`pretouch demo` end to end through the real services: on made objects, and on a frame."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +13,13 @@ import pytest
 from helpers.made_frame import write_frame
 from PIL import Image
 
+INTERRUPTIBLE = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from pretouch.__main__ import main
+main()
+"""
+"""A shell's background job ignores SIGINT, and so would a child of such a test."""
 FIELDS = {
     "initial_error": float,
     "final_error": float,
@@ -60,8 +70,36 @@ def test_what_is_wrong_is_said_in_two_lines(tmp_path: Path) -> None:
         (("--frame", frame), "Choose from: box, can."),
         (("--frame", str(tmp_path / "none.json"), "--object", "box"), "There is no frame"),
         (("--object", "box"), "--object and --json go with --frame"),
+        (("--results", "/proc/results"), "/proc/results cannot be written"),
+        (("--frame", frame, "--object", "box", "--json", "/proc/out.json"), "/proc/out.json cannot be written"),
     ):
         done = demo(*options)
         assert done.returncode == 2
         assert said in done.stderr
         assert "Traceback" not in done.stderr
+
+
+def children_of(parent: int) -> list[int]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            if int(stat.read_text().rpartition(")")[2].split()[1]) == parent:
+                found.append(int(stat.parent.name))
+    return found
+
+
+def test_an_interrupt_while_the_services_start_leaves_nothing_behind(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", INTERRUPTIBLE, "demo", "--results", str(tmp_path / "results")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        started: list[int] = []
+        for _ in range(2400):
+            started = children_of(process.pid)
+            if len(started) >= 3 or process.poll() is not None:  # two fingers and the services
+                break
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=120)
+    assert (process.returncode, said) == (130, "Interrupted.\n")
+    assert len(started) >= 3
+    assert not any(Path(f"/proc/{pid}").exists() for pid in started)
+    assert list((tmp_path / "results").iterdir()) == []

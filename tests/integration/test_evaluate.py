@@ -187,6 +187,17 @@ def test_a_wrong_mesh_is_named_and_the_others_are_kept(meshes: Path, tmp_path: P
     assert {row["mesh"] for row in json.loads(out.read_text())["rows"]} == {"mug"}
 
 
+def test_the_rows_go_to_standard_output_alone_if_it_is_asked_for(meshes: Path, tmp_path: Path) -> None:
+    options = ("--only", "mug", "--views", "1", "--scans", "1", "--proposer", "random")
+    done = subprocess.run(
+        command(meshes, Path("-"), *options), capture_output=True, text=True, timeout=240, cwd=tmp_path, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert [row["mesh"] for row in json.loads(done.stdout)["rows"]] == ["mug"]
+    assert "After each scan" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_session_that_converged_says_so_and_stops(meshes: Path, tmp_path: Path) -> None:
     options = ("--only", "drill", "--views", "1", "--scans", "3", "--proposer", "random")
     answer = evaluate(meshes, tmp_path / "out.json", *options, "--tolerance", "0.02")

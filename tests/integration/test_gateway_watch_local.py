@@ -87,6 +87,14 @@ def test_a_port_that_is_not_there_is_told_and_waited_for(tmp_path: Path, finger:
         assert terminal.ended() == 0
 
 
+def test_a_port_that_never_was_there_is_a_failure() -> None:
+    with Terminal("gateway", "watch", "--port", "/dev/none", "--format", "binary") as terminal:
+        terminal.wait_for("There is no device at")
+        terminal.type(b"q")
+        assert terminal.ended() == 1
+        assert "There is no device at /dev/none" in terminal.said.decode().rpartition("\x1b[?1049l")[2]
+
+
 def test_a_recording_is_watched_as_if_it_were_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     series_in(tmp_path).write([*map(measured, range(3000)), StopItem()], 0.0)
     (recording,) = files_in(tmp_path)

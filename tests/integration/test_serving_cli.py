@@ -56,9 +56,9 @@ def _run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str
     )
 
 
-def refused(result: subprocess.CompletedProcess[str]) -> str:
+def refused(result: subprocess.CompletedProcess[str], code: int = 2) -> str:
     """What the user was told: a detail and a remedy, and no trace."""
-    assert result.returncode == 2, result.stderr
+    assert result.returncode == code, result.stderr
     assert "Traceback" not in result.stderr
     assert len(result.stderr.strip().splitlines()) == 2
     return result.stderr
@@ -74,12 +74,12 @@ def test_help_lists_every_command_without_any_extra_and_without_importing_their_
 
 @pytest.mark.parametrize("service", ["detector", "registrar", "gateway", "orchestrator"])
 def test_a_missing_extra_is_named(service: str) -> None:
-    told = refused(without_extras("serve", service, "--port", "0"))
+    told = refused(without_extras("serve", service, "--port", "0"), 1)
     assert f"pip install 'pretouch[{service}]'" in told
 
 
 def test_a_missing_extra_of_another_packages_command_is_named(tmp_path: Path) -> None:
-    told = refused(without_extras("evaluate", "--meshes", str(tmp_path), "--json", str(tmp_path / "out.json")))
+    told = refused(without_extras("evaluate", "--meshes", str(tmp_path), "--json", str(tmp_path / "out.json")), 1)
     assert "pip install 'pretouch[simulation]'" in told
 
 
@@ -110,7 +110,12 @@ def test_the_orchestrators_help_names_its_variables() -> None:
         (("serve", "gateway", "--port", "0"), {"PRETOUCH_LOG_LEVEL": "loud"}, "'loud'"),
         (("serve", "gateway", "--port", "0"), {"PRETOUCH_GATEWAY_DEVICES": "finger"}, "name=port"),
         (("up", "--device", "finger"), {}, "'finger' is not name=port"),
-        (("up", "--rest-port", "50050"), {}, "both have port 50050"),
+        (("up", "--rest-port", "50050"), {}, "REST and gRPC both have port 50050"),
+        (("up", "--gateway-port", "8080"), {}, "REST and the gateway both have port 8080"),
+        (("up", "--tls-cert", "c.pem"), {}, "certificate or a key, but not both"),
+        (("up",), {"PRETOUCH_TLS_CERT": "/none/c.pem", "PRETOUCH_TLS_KEY": "/none/k.pem"}, "/none/c.pem"),
+        (("up", "--state", "/proc/state"), {}, "/proc/state cannot be written"),
+        (("up", "--config", "/none/up.toml"), {}, "/none/up.toml cannot be read"),
         (("healthcheck", "nowhere"), {}, "'nowhere' is not a gRPC address"),
     ],
 )
@@ -156,3 +161,30 @@ async def test_healthcheck_tells_serving_from_warming_up_from_absent() -> None:
     assert await probe(port) == 1
     warm.set()
     await serving
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("rest-port = 8081\nrestport = 8082\ndemo = 1", "unknown keys: restport, demo"),
+        ("rest-port", "is not TOML"),
+        ("rest-port = 50050", "REST and gRPC both have port 50050"),
+        ('device = ["finger"]', "'finger' is not name=port"),
+        ('token = ""', "The token is empty"),
+    ],
+)
+def test_a_configuration_file_gives_up_its_options(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "up.toml"
+    path.write_text(text)
+    assert said in refused(pretouch("up", "--config", str(path)))
+
+
+def test_a_wrong_value_in_a_configuration_file_is_a_usage_error_and_the_command_line_comes_first(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "up.toml"
+    path.write_text('rest-port = "many"')
+    done = pretouch("up", "--config", str(path))
+    assert done.returncode == 2
+    assert "--rest-port" in done.stderr
+    assert "both have port 50050" in refused(pretouch("up", "--config", str(path), "--rest-port", "50050"))

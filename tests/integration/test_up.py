@@ -8,6 +8,7 @@ import re
 import select
 import signal
 import socket
+import ssl
 import subprocess
 import sys
 import time
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+import trustme
 from helpers import box_view
 
 pytestmark = pytest.mark.timeout(600)
@@ -24,7 +26,7 @@ READY_WITHIN = 320  # s: a first start compiles the registrar's kernels
 TIMEOUT = 60
 SERVICES = {"detector", "registrar", "gateway", "orchestrator"}
 READY = re.compile(
-    r"^pretouch is ready: REST (http://127\.0\.0\.1:\d+), gRPC (127\.0\.0\.1:\d+), gateway 127\.0\.0\.1:\d+\n$"
+    r"^pretouch is ready: REST (https?://127\.0\.0\.1:\d+), gRPC (127\.0\.0\.1:\d+), gateway 127\.0\.0\.1:\d+\n$"
 )
 
 
@@ -105,7 +107,7 @@ def answers(url: str) -> int:
     return 0
 
 
-FREE = ("--rest-port", "0", "--grpc-port", "0")
+FREE = ("--rest-port", "0", "--grpc-port", "0", "--gateway-port", "0")
 
 
 def test_all_four_come_up_and_back_and_leave_nothing_behind(tmp_path: Path) -> None:
@@ -145,11 +147,23 @@ def test_a_signal_during_the_start_ends_it_cleanly(tmp_path: Path) -> None:
 
 
 def test_nothing_outlives_it_even_if_it_is_killed(tmp_path: Path) -> None:
-    for_one_service = {"PRETOUCH_METRICS_PORT": "1", "PRETOUCH_TLS_CERT": "cert.pem", "PRETOUCH_PORT": "1"}
-    with brought_up(tmp_path, *FREE, "--token", "s3cret", **for_one_service) as up:
-        rest, _ = up.ready()
-        assert answers(f"{rest}/v1/sessions") == 401
-        assert httpx.get(f"{rest}/v1/sessions", headers={"authorization": "Bearer s3cret"}).status_code == 200
+    for_one_service = {"PRETOUCH_METRICS_PORT": "1", "PRETOUCH_PORT": "1"}
+    authority = trustme.CA()
+    server = authority.issue_cert("127.0.0.1")
+    server.cert_chain_pems[0].write_to_path(tmp_path / "cert.pem")
+    server.private_key_pem.write_to_path(tmp_path / "key.pem")
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    config = tmp_path / "up.toml"
+    config.write_text(f'token = "s3cret"\ntls-cert = "{tmp_path}/cert.pem"\ntls-key = "{tmp_path}/key.pem"\n')
+    with brought_up(tmp_path, *FREE, "--config", str(config), **for_one_service) as up:
+        rest, grpc = up.ready()
+        trust = ssl.create_default_context(cafile=tmp_path / "ca.pem")
+        assert httpx.get(f"{rest}/v1/sessions", verify=trust).status_code == 401
+        headers = {"authorization": "Bearer s3cret"}
+        assert httpx.get(f"{rest}/v1/sessions", verify=trust, headers=headers).status_code == 200
+        assert httpx.get(f"{rest}/readyz", verify=trust).status_code == 200
+        probe = [sys.executable, "-m", "pretouch", "healthcheck", grpc, "--tls-ca", str(tmp_path / "ca.pem")]
+        assert subprocess.run(probe, timeout=TIMEOUT, check=False, capture_output=True).returncode == 0
         children = up.children()
         assert not any("s3cret" in Path(f"/proc/{pid}/cmdline").read_text() for pid in children.values())
         up.process.kill()
@@ -157,20 +171,20 @@ def test_nothing_outlives_it_even_if_it_is_killed(tmp_path: Path) -> None:
         eventually(lambda: not any(alive(pid) for pid in children.values()))
 
 
-@pytest.mark.parametrize("option", ["--grpc-port", "--rest-port"])
+@pytest.mark.parametrize("option", ["--grpc-port", "--rest-port", "--gateway-port"])
 def test_a_taken_port_ends_it_with_a_reason(tmp_path: Path, option: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         with brought_up(tmp_path, *FREE, option, port) as up:
-            assert up.process.wait(READY_WITHIN) == 2
+            assert up.process.wait(READY_WITHIN) == 1
             log = up.log.read_text()
             assert f"127.0.0.1:{port}" in log
-            assert "The orchestrator ended" in log
+            assert f"The {'gateway' if 'gateway' in option else 'orchestrator'} ended" in log
             assert "Traceback" not in log
             assert up.children() == {}
 
 
 def test_a_device_that_is_none_ends_it_with_a_reason(tmp_path: Path) -> None:
     with brought_up(tmp_path, *FREE, "--device", "finger=nonsense://here") as up:
-        assert up.process.wait(READY_WITHIN) == 2
+        assert up.process.wait(READY_WITHIN) == 1
         assert "nonsense" in up.log.read_text()

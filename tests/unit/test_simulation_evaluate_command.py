@@ -26,3 +26,14 @@ def test_options_that_do_not_fit_each_other_are_refused(options: list[str], said
         app([*options, "--json", str(tmp_path / "out.json")], standalone_mode=False)
     assert said in refused.value.detail
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--json", "--details"])
+def test_a_place_that_cannot_be_written_is_refused_before_the_first_run(option: str, tmp_path: Path) -> None:
+    (tmp_path / "mug.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0.1\nf 1 2 3\n")
+    app = typer.Typer()
+    app.command()(evaluate)
+    places = {"--json": str(tmp_path / "out.json"), option: "/proc/out.json"}
+    with pytest.raises(InvalidInput, match=r"/proc/out\.json cannot be written"):
+        app(["--meshes", str(tmp_path), *(word for pair in places.items() for word in pair)], standalone_mode=False)
+    assert not list(tmp_path.glob("*.partial"))

@@ -49,18 +49,23 @@ def _register(
     engine: Annotated[Engine, typer.Option(help="How scans are matched.")] = Engine.POSTERIOR,
     viewpoint: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="The camera's position in base, m.", show_default="the file's, else straight above"),
+        typer.Option(
+            metavar="X Y Z", help="The camera's position in base, m.", show_default="the file's, else straight above"
+        ),
     ] = None,
     table: Annotated[
         tuple[float, float, float, float] | None,
         typer.Option(
+            metavar="NX NY NZ D",
             help="The table in base: unit normal x y z upwards, and the offset d of normal . p = d, m.",
             show_default="the file's, else level at the target's lowest points",
         ),
     ] = None,
     object_pose: Annotated[
         tuple[float, float, float, float, float, float, float] | None,
-        typer.Option(help="base_T_object of a mesh: x y z, m, and quaternion x y z w.", show_default="identity"),
+        typer.Option(
+            metavar="X Y Z QX QY QZ QW", help="base_T_object of a mesh: m, and a quaternion.", show_default="identity"
+        ),
     ] = None,
     translation_std: Annotated[
         float, typer.Option(help="How wrong the target may be: standard deviation per axis, m.")

@@ -51,7 +51,7 @@ def make(
     wanted = unlabelled(tasks, dataset)
     failed: dict[str, Outcome] = {}
     calls = [(task, recipe, dataset.folder) for task in wanted]
-    with closing(_label_all(calls, recipe, workers, cluster)) as outcomes:  # closing waits for views in progress
+    with closing(_label_all(calls, recipe, workers, cluster)) as outcomes:  # closing ends the workers
         for outcome in outcomes:
             if outcome.problem:
                 failed[outcome.name] = outcome

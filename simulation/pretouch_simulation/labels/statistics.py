@@ -85,27 +85,33 @@ def statistics(dataset: Dataset) -> list[ViewStatistics]:
 
 
 def table(views: Sequence[ViewStatistics]) -> Table:
-    """A line for each side; errors in cm, means over views of each view's best, median and worst rectangle."""
+    """A column for each side; errors in cm, means over views of each view's best, median and worst rectangle."""
     shown = Table(title="labels; errors in cm")
     counts, errors = ("objects", "views", "rectangles", "with trials"), ("best", "median", "worst")
-    for name in ("side", *counts, *errors, "unscannable", "halves agree"):
-        shown.add_column(name, justify="left" if name == "side" else "right")
-    for side in (*SIDES, "both"):
-        group = [view for view in views if side in (view.side, "both")]
-        scored = [view for view in group if len(view.errors)]
-        each = [[view.best, view.median, float(view.errors[-1])] for view in scored]
-        means = _CM * np.mean(each, axis=0) if scored else np.full(3, np.nan)
-        shown.add_row(
-            side,
-            f"{len({view.object for view in group})}",
-            f"{len(group)}",
-            f"{sum(view.rectangles for view in group)}",
-            f"{sum(len(view.errors) for view in group)}",
-            *("-" if np.isnan(mean) else f"{mean:.2f}" for mean in means),
-            _mean([view.unscannable for view in group], "{:.1%}"),
-            _mean([view.agreement for view in group], "{:.2f}"),
-        )
+    names = (*counts, *errors, "unscannable", "halves agree")
+    sides = (*SIDES, "both")
+    shown.add_column("")
+    for side in sides:
+        shown.add_column(side, justify="right", no_wrap=True)
+    columns = [_cells([view for view in views if side in (view.side, "both")]) for side in sides]
+    for name, *cells in zip(names, *columns, strict=True):
+        shown.add_row(name, *cells)
     return shown
+
+
+def _cells(group: Sequence[ViewStatistics]) -> list[str]:
+    scored = [view for view in group if len(view.errors)]
+    each = [[view.best, view.median, float(view.errors[-1])] for view in scored]
+    means = _CM * np.mean(each, axis=0) if scored else np.full(3, np.nan)
+    return [
+        f"{len({view.object for view in group})}",
+        f"{len(group)}",
+        f"{sum(view.rectangles for view in group)}",
+        f"{sum(len(view.errors) for view in group)}",
+        *("-" if np.isnan(mean) else f"{mean:.2f}" for mean in means),
+        _mean([view.unscannable for view in group], "{:.1%}"),
+        _mean([view.agreement for view in group], "{:.2f}"),
+    ]
 
 
 def _mean(values: Sequence[float], form: str) -> str:

@@ -15,7 +15,7 @@ _SUSPICIOUS = 0.001
 
 
 def build_table(fits: Sequence[ModuleFit]) -> Table:
-    """A row for each module; values with one standard error, and how far off its means are, before and after."""
+    """A row for each module: values, below them one standard error; how far off its means are, before and after."""
     table = Table(box=SIMPLE_HEAD, padding=0, pad_edge=False)
     table.add_column("\n#", no_wrap=True)
     for title in (
@@ -38,10 +38,10 @@ def build_table(fits: Sequence[ModuleFit]) -> Table:
         outliers = sum(len(point.outliers) for point in fit.points)
         table.add_row(
             str(k),
-            f"{1000 * module.offset:.2f} ±{1000 * errors.offset:.2f}",
-            f"{module.scale:.4f} ±{errors.scale:.4f}" if errors.scale else "1",
-            f"{module.crosstalk:.1f} ±{errors.crosstalk:.1f}" if module.crosstalk else "0",
-            f"{1000 * module.std:.2f} ±{1000 * errors.std:.2f}",
+            f"{1000 * module.offset:.2f}\n±{1000 * errors.offset:.2f}",
+            f"{module.scale:.4f}\n±{errors.scale:.4f}" if errors.scale else "1",
+            f"{module.crosstalk:.1f}\n±{errors.crosstalk:.1f}" if module.crosstalk else "0",
+            f"{1000 * module.std:.2f}\n±{1000 * errors.std:.2f}",
             f"{1000 * module.std_slope:.1f}",
             f"{1000 * before:.1f} → {1000 * after:.1f}",
             str(outliers),
