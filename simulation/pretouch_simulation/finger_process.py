@@ -200,7 +200,7 @@ def main() -> int:
     if not 0 < arguments.rate <= MAX_RATE or arguments.seed < 0:
         parser.error(f"need 0 < rate <= {MAX_RATE:g} and a seed of 0 or more")
 
-    from pretouch_simulation.finger import FingerModel, realise  # open3d takes a second to load
+    from pretouch_simulation.finger import FingerModel, realise  # numba takes half a second to load
     from pretouch_simulation.protocol import generator
     from pretouch_simulation.world import World
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pretouch.errors import InvalidInput, Malformed, NotFound
 from pretouch.geometry import Array, Pose, frozen_array
-from pretouch_simulation.open3d_loader import open3d
 
 SUFFIXES = (".ply", ".obj", ".stl")
 MAX_EXTENT = 2.0
@@ -96,12 +95,15 @@ def load_mesh(path: Path) -> Mesh:
         raise InvalidInput(
             f"{path.name} is not a mesh that can be read.", f"Give one of {', '.join(SUFFIXES)}, in metres."
         )
-    o3d = open3d()
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        read = o3d.io.read_triangle_mesh(str(path), enable_post_processing=False)
-    if not read.has_triangles():
+    import trimesh
+
+    try:
+        read = trimesh.load_mesh(path, process=False)
+    except Exception as error:  # trimesh fails in any way on damaged files
+        raise Malformed(f"{path.name} cannot be read: {error}.", "Export it as a triangle mesh.") from error
+    if not isinstance(read, trimesh.Trimesh) or not len(read.faces):
         raise Malformed(f"{path.name} holds no triangles.", "Export it as a triangle mesh.")
-    mesh = Mesh(np.asarray(read.vertices), np.asarray(read.triangles))
+    mesh = Mesh(read.vertices, read.faces)
     if mesh.extents.max() > MAX_EXTENT:
         raise InvalidInput(
             f"{path.name} is {mesh.extents.max():.3g} m long; a tabletop object is at most {MAX_EXTENT:g} m.",
