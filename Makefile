@@ -3,8 +3,15 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
+# $(call install,LOCK): what the lock names, then pretouch itself
+define install
+	$(PIP) install --quiet --progress-bar off --require-hashes -r $(1)
+	$(PIP) install --quiet --progress-bar off --no-deps -e .
+endef
 
-.PHONY: demo test lint proto docs bench fuzz clean
+LOCKED := all bench detector fuzz gateway orchestrator registrar test
+
+.PHONY: demo test lint proto docs bench fuzz lock audit wheel clean
 
 demo: $(VENV)/.demo
 	$(BIN)/pretouch demo
@@ -34,6 +41,20 @@ bench: $(VENV)/.bench
 fuzz: $(VENV)/.fuzz
 	$(BIN)/python -m fuzz --seconds 180
 
+# The versions and hashes that are installed, for all platforms and Pythons; they name no index, so that any mirror will do.
+lock: $(VENV)/.maintain
+	@for extra in $(LOCKED); do echo "requirements/$$extra.lock"; \
+	    $(BIN)/uv pip compile pyproject.toml --extra $$extra --universal --python-version 3.11 --upgrade --quiet \
+	    --generate-hashes --no-emit-index-url --no-annotate --custom-compile-command "make lock" --output-file requirements/$$extra.lock || exit 1; done
+
+audit: $(VENV)/.maintain
+	@$(BIN)/pip-audit --vulnerability-service osv --require-hashes --disable-pip --progress-spinner off -r requirements/test.lock 2>$(VENV)/audit.log \
+	    || { grep -qE 'ConnectionError|ConnectTimeout|connect' $(VENV)/audit.log && echo "audit SKIPPED: the vulnerability service cannot be reached"; } \
+	    || { cat $(VENV)/audit.log; exit 1; }
+
+wheel: $(VENV)/.maintain
+	$(BIN)/python -m build
+
 clean:
 	rm -rf $(VENV)
 
@@ -41,24 +62,29 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pretouch needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) --version). Try: make PYTHON=python3.12 ..."; exit 1; }
 	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); echo "Python's venv module is missing. On Debian or Ubuntu: sudo apt-get install python3-venv"; exit 1; }
 
-$(VENV)/.demo: pyproject.toml | $(BIN)/python
-	$(PIP) install --quiet --progress-bar off -e '.[all]'
+$(VENV)/.demo: requirements/all.lock pyproject.toml | $(BIN)/python
+	$(call install,$<)
 	@touch $@
 
-$(VENV)/.test: pyproject.toml | $(BIN)/python
-	$(PIP) install --quiet --progress-bar off -e '.[test]'
-	@# torch, Ray and the site's tools: where they cannot be had, the tests that need them are skipped
-	-$(PIP) install --quiet --progress-bar off -e '.[test,train,ray,docs]'
+$(VENV)/.test: requirements/test.lock pyproject.toml | $(BIN)/python
+	$(call install,$<)
+	@# large, or not for every platform: where one cannot be had, the tests that need it are skipped
+	@for extra in examples docs train ray; do $(PIP) install --quiet --progress-bar off -e ".[$$extra]" \
+	    || echo "pretouch[$$extra] cannot be installed here: its tests are skipped"; done
 	@touch $@
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python
 	$(PIP) install --quiet --progress-bar off -e '.[docs]'
 	@touch $@
 
-$(VENV)/.bench: pyproject.toml | $(BIN)/python
-	$(PIP) install --quiet --progress-bar off -e '.[bench]'
+$(VENV)/.bench: requirements/bench.lock pyproject.toml | $(BIN)/python
+	$(call install,$<)
 	@touch $@
 
-$(VENV)/.fuzz: pyproject.toml | $(BIN)/python
-	$(PIP) install --quiet --progress-bar off -e '.[fuzz]'
+$(VENV)/.fuzz: requirements/fuzz.lock pyproject.toml | $(BIN)/python
+	$(call install,$<)
+	@touch $@
+
+$(VENV)/.maintain: pyproject.toml | $(BIN)/python
+	$(PIP) install --quiet --progress-bar off -e '.[maintain]'
 	@touch $@

@@ -6,9 +6,9 @@ import argparse
 import json
 from pathlib import Path
 
-from benchmarks import session_step
+from benchmarks import ray_casting, session_step
 
-BENCHMARKS = {"session_step": session_step.measure}
+BENCHMARKS = {"ray_casting": ray_casting.measure, "session_step": session_step.measure}
 
 
 def main() -> None:

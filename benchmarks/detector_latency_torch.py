@@ -1,4 +1,4 @@
-"""The torch side of `benchmarks.detector_latency`, in a process of its own since torch and open3d share none.
+"""The torch side of `benchmarks.detector_latency`, in a process of its own with threads of its own.
 
 `python -m benchmarks.detector_latency_torch QUESTIONS.npz ANSWERS.npz WEIGHTS.safetensors THREADS REPEATS`
 """

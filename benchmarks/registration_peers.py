@@ -121,7 +121,7 @@ def pcl(cases: Path, repeats: int, folder: Path, methods: Sequence[str] = tuple(
 
 
 def _open3d() -> dict[str, Callable[[Array, Array, Array], Callable[[], Array]]]:
-    from pretouch_simulation.open3d_loader import open3d
+    from benchmarks.open3d_loader import open3d
 
     o3d = open3d()
     o3d.utility.set_verbosity_level(o3d.utility.VerbosityLevel.Error)

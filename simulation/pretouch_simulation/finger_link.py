@@ -16,7 +16,7 @@ from types import TracebackType
 from pretouch.errors import DeadlineExceeded, Unavailable
 from pretouch.trajectory import Trajectory
 
-_START_TIMEOUT = 60.0  # loading open3d from a cold disk
+_START_TIMEOUT = 60.0  # loading numba from a cold disk, and compiling the ray caster once
 _END_TIMEOUT = 5.0
 
 

@@ -191,7 +191,7 @@ def run(measure: Measure, rate: float, seed: int) -> None:
 
 def main() -> int:
     """Command line; returns the exit status."""
-    from pretouch_simulation.finger import FingerModel, realise  # open3d takes a second to load
+    from pretouch_simulation.finger import FingerModel, realise  # numba takes half a second to load
     from pretouch_simulation.protocol import generator
     from pretouch_simulation.world import World
 

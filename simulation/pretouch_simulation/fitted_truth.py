@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch.geometry import Array, Pose, rotation_from_vector, vector_from_rotation
-from pretouch_simulation.open3d_loader import open3d
+from pretouch_simulation.bvh import Triangles
 from pretouch_simulation.protocol import Case
 from pretouch_simulation.world import Body
 
@@ -31,8 +31,8 @@ _EFFECTIVE = 100
 """n_eff: the effective number of points, since the errors of neighbouring pixels are correlated."""
 _KERNEL = 0.005
 """m, c."""
-_TOUCHING = 1e-4
-"""m: below this distance a direction is unreliable in single precision."""
+_TOUCHING = 1e-9
+"""m: below this distance the direction from the closest place is rounding."""
 _MOST_POINTS = 4000
 _STEPS = 60
 _SMALL = 1e-6
@@ -48,7 +48,7 @@ def best_fit(points: Array, body: Body) -> Pose:
     """The motion that lays points (n, 3), m, in base and near their place, onto the body; see the module."""
     some = points[:: -(-len(points) // _MOST_POINTS)]
     centre = points.mean(axis=0)
-    surface = _Surface(body)
+    surface = Triangles(body.base_T_mesh.apply(body.mesh.vertices), body.mesh.faces)
     turn, shift, damping = np.eye(3), np.zeros(3), 1e-3
     cost, information, gradient = _linearised(some - centre, centre, turn, shift, surface)
     for _ in range(_STEPS):
@@ -65,39 +65,30 @@ def best_fit(points: Array, body: Body) -> Pose:
     return Pose.of(turn, centre + shift - turn @ centre)
 
 
-class _Surface:
-    """The nearest places on a body."""
+def _gaps(surface: Triangles, points: Array) -> tuple[Array, Array]:
+    """Distances (n,), m, of points (n, 3) from the nearest place, and unit directions (n, 3) from there to them.
 
-    def __init__(self, body: Body) -> None:
-        o3d = open3d()
-        self._scene = o3d.t.geometry.RaycastingScene()
-        self._tensor = o3d.core.Tensor
-        vertices = body.base_T_mesh.apply(body.mesh.vertices).astype(np.float32)
-        self._scene.add_triangles(self._tensor(vertices), self._tensor(body.mesh.faces.astype(np.uint32)))
-
-    def gaps(self, points: Array) -> tuple[Array, Array]:
-        """Distances (n,), m, of points (n, 3) from the nearest place, and unit directions (n, 3) from there to them.
-
-        Over a face's inside the direction is the face's normal.
-        """
-        answer = self._scene.compute_closest_points(self._tensor(points.astype(np.float32)))
-        gap = points - answer["points"].numpy().astype(np.float64)
-        distances = np.linalg.norm(gap, axis=1)
-        normals = answer["primitive_normals"].numpy().astype(np.float64)
-        normals *= np.where(np.einsum("ij,ij->i", normals, gap) < 0, -1.0, 1.0)[:, None]
-        clear = distances > _TOUCHING
-        normals[clear] = gap[clear] / distances[clear, None]
-        return distances, normals
+    On a face the direction is the face's normal.
+    """
+    places, faces = surface.closest(points)
+    gap = points - places
+    distances = np.linalg.norm(gap, axis=1)
+    normals = surface.normals[faces]
+    clear = distances > _TOUCHING
+    normals[clear] = gap[clear] / distances[clear, None]
+    return distances, normals
 
 
-def _linearised(arms: Array, centre: Array, turn: Array, shift: Array, surface: _Surface) -> tuple[float, Array, Array]:
+def _linearised(
+    arms: Array, centre: Array, turn: Array, shift: Array, surface: Triangles
+) -> tuple[float, Array, Array]:
     """The cost of a motion, and of its quadratic model in a further (w, d): half the Hessian (6, 6), half the gradient.
 
     Args:
         arms: (n, 3), m, the points from their centroid `centre`.
     """
     turned = arms @ turn.T
-    distances, normals = surface.gaps(turned + centre + shift)
+    distances, normals = _gaps(surface, turned + centre + shift)
     shrunk = _KERNEL**2 / (_KERNEL**2 + distances**2)
     scale = _EFFECTIVE / len(arms) / _SURFACE_STD**2
     weights = scale * shrunk**2

@@ -1,6 +1,6 @@
 """What is checked with torch, in a process of its own: python -m helpers.training_checks NAME FOLDER.
 
-torch and open3d are never in one process, and the suite's process has open3d.
+torch's threads and half a gigabyte stay out of the suite's process.
 """
 
 from __future__ import annotations

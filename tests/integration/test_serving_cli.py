@@ -20,8 +20,8 @@ from pretouch.serving import ServiceContext, Settings, started
 TIMEOUT = 60
 WITHOUT_EXTRAS = """
 import importlib.abc, sys
-EXTRAS = {"aiosqlite", "cobs", "fastapi", "fastcrc", "matplotlib", "numba", "open3d", "plotly", "scipy", "serial",
-          "shapely", "uvicorn"}
+EXTRAS = {"aiosqlite", "cobs", "fastapi", "fastcrc", "matplotlib", "numba", "plotly", "scipy", "serial", "shapely",
+          "trimesh", "uvicorn"}
 class Absent(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):
         if name.partition(".")[0] in EXTRAS:

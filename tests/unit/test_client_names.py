@@ -35,7 +35,7 @@ def test_importing_the_client_is_light() -> None:
     script = "import sys; before = set(sys.modules); import pretouch.client; print(*(set(sys.modules) - before))"
     got = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
     modules = got.stdout.split()
-    heavy = {"torch", "open3d", "fastapi", "starlette", "pydantic", "scipy", "numba", "matplotlib", "pandas"}
+    heavy = {"torch", "trimesh", "fastapi", "starlette", "pydantic", "scipy", "numba", "matplotlib", "pandas"}
     assert not heavy & {name.partition(".")[0] for name in modules}
     assert not [name for name in modules if name.startswith(("pretouch_", "pretouch.serving"))]
     assert len(modules) < 600

@@ -17,7 +17,7 @@ def open3d() -> ModuleType:
     It links against libusb-1.0.so.0, which a fresh Debian lacks; the package libusb-package carries it.
 
     Raises:
-        Unavailable: the simulation extra is not installed.
+        Unavailable: it is not installed.
     """
     try:
         import libusb_package
@@ -26,6 +26,7 @@ def open3d() -> ModuleType:
         module = importlib.import_module("open3d")
     except (ImportError, OSError) as error:
         raise Unavailable(
-            f"Open3D cannot be loaded: {error}.", "Install the simulation extra: pip install 'pretouch[simulation]'."
+            f"Open3D cannot be loaded: {error}.",
+            "Install the benchmarks' peers, pip install 'pretouch[bench]', on x86-64 Linux with Python 3.11 or 3.12.",
         ) from error
     return module
