@@ -28,7 +28,7 @@ def samples(seed: int, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
 
 @given(errors)
 def test_more_samples_of_a_patch_are_worth_more_up_to_a_bound(error: SharedError) -> None:
-    worth = error.worth(np.array([0.0, 1.0, 2.0, 5.0, 30.0, 1e9]))
+    worth = error.effective_count(np.array([0.0, 1.0, 2.0, 5.0, 30.0, 1e9]))
     assert worth[0] == 0
     assert worth[1] == pytest.approx(1)
     assert (np.diff(worth) > 0).all()
@@ -53,7 +53,7 @@ def test_all_samples_of_a_patch_weigh_the_same_and_their_sum_is_what_the_patches
     weights = compute_sample_weights(points, directions, returned, error)
     patches = find_patches(points, directions, returned, error)
     assert patches.counts.sum() == count
-    assert weights.sum() == pytest.approx(error.worth(patches.counts).sum())
+    assert weights.sum() == pytest.approx(error.effective_count(patches.counts).sum())
     assert ((weights > 0) & (weights <= 1 + 1e-12)).all()
     cells = np.floor(points[returned] / error.patch)
     for cell in np.unique(cells, axis=0):

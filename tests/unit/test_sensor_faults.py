@@ -101,10 +101,10 @@ def test_a_finger_that_breaks_leaves_what_earlier_scans_said_and_one_that_is_men
     assert broken.estimate.sensor_problem
     assert broken.state is State.AWAITING_SCAN
     assert broken.estimate.base_T_correction.is_close(good.estimate.base_T_correction)
-    assert broken.evidence == good.evidence
+    assert broken.registrable_scans == good.registrable_scans
     mended = scanned(broken, SOUND)
     assert not mended.estimate.sensor_problem
-    assert len(mended.evidence) == 2
+    assert len(mended.registrable_scans) == 2
     assert mended.estimate.samples > good.estimate.samples
 
 

@@ -9,7 +9,21 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-RETIRED = ("foretell", "foretold", "foresee", "foreseen", "foresight", "kit", "tally", "succession", "utils", "misc")
+RETIRED = (
+    "foretell",
+    "foretold",
+    "foresee",
+    "foreseen",
+    "foresight",
+    "kit",
+    "tally",
+    "succession",
+    "utils",
+    "misc",
+    "evidence",
+    "judged",
+    "verdict",
+)
 NAME = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 
