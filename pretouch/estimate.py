@@ -1,4 +1,4 @@
-"""The answer: a corrected pose and how sure we are of it."""
+"""The estimate: a corrected pose with its uncertainty; and the prior."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ _HALF = np.random.default_rng(0).standard_normal((512, 6))
 _NORMAL = np.concatenate([_HALF, -_HALF])
 _MAX_POINTS = 64
 _ROUNDING = 1e-6
-"""How far a sum of probabilities may be off."""
-_SAME_PLACE = 1e-6
-"""m, or an entry of the rotation matrix: two corrections that differ by less are one."""
-_SUREST = 1e-6
-"""m or rad: the square of a much smaller deviation would be lost among the rounding errors of the others."""
+"""Largest rounding error of a sum of probabilities."""
+_SAME_CORRECTION = 1e-6
+"""m, or an entry of the rotation matrix: two corrections that differ by less are the same."""
+_MIN_STD = 1e-6
+"""m or rad, least standard deviation: a much smaller variance would be lost in rounding errors."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is believed before the first scan: an unbiased normal error of the camera's calibration.
+    """The distribution of the camera's calibration error before the first scan: normal, with zero mean.
 
     Attributes:
         translation_std: m, per base axis. The default is uniform +-2 cm as a normal: 2 cm / sqrt 3.
@@ -36,9 +36,9 @@ class Prior:
     def __post_init__(self) -> None:
         for name in ("translation_std", "rotation_std"):
             value = float(frozen_array(getattr(self, name), (), f"prior.{name}"))
-            if not _SUREST <= value <= 1:
+            if not _MIN_STD <= value <= 1:
                 raise InvalidInput(
-                    f"prior.{name} is {value:g}.", f"Need a standard deviation of {_SUREST:g} to 1 (m or rad)."
+                    f"prior.{name} is {value:g}.", f"Need a standard deviation of {_MIN_STD:g} to 1 (m or rad)."
                 )
             object.__setattr__(self, name, value)
 
@@ -53,7 +53,7 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class WeakDirection:
-    """A direction in which the pose is still free.
+    """A weakly observable direction of the pose.
 
     Attributes:
         direction: unit (6,), order (rotation vector scaled by the object's radius, translation), base axes.
@@ -68,11 +68,11 @@ class WeakDirection:
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A place that explains the samples.
+    """A mode of the posterior: a correction that explains the samples.
 
     Attributes:
-        base_T_correction: maps a point where the camera put it to where this place has it, both in base.
-        weight: in (0, 1], the probability of this place among the modes of its estimate.
+        base_T_correction: maps a point where the camera put it to where this mode puts it, both in base.
+        weight: in (0, 1], the probability of this mode among those of its estimate.
 
     Raises:
         InvalidInput: a weight out of its limits.
@@ -100,19 +100,19 @@ class Estimate:
             (log(R_true R_est^T), T_true c - T_est c); rad^2, rad m, m^2.
         expected_error: m, expectation, over the covariance, of the mean distance of estimated from true object points.
         error_quantile: m, the 95 % quantile of the same.
-        unobservable: directions that are still free, the weakest first.
+        unobservable: the weakly observable directions, the weakest first.
         inliers: samples that agree with the estimate.
         samples: samples used.
         rmse: m, root mean square residual of the inliers; 0 without any.
-        modes: the places that explain the samples, this one first; their weights sum to 1. Left out: this one alone.
-            The covariance covers them all.
-        fit: in [0, 1], the p-value of the samples under the answer: the probability that samples of the object standing
-            there would agree with it no better than these do. 1 before the first scan.
+        modes: the modes of the posterior, that of `base_T_correction` first; their weights sum to 1. By default there
+            is that one only. The covariance covers all of them.
+        fit: in [0, 1], the p-value of the samples under the estimate: the probability that samples of the object at
+            that pose would fit it no better than these. 1 before the first scan.
         sensor_problem: why the samples are no measurements (stuck, dead, noise that no sensor has, a unit off by 10 or
             1000), in one sentence; empty: they are. The REST contract shows it in a session's reason only.
 
     Raises:
-        InvalidInput: a fit out of its limits, modes that do not sum to 1 or of which the first is another place.
+        InvalidInput: a fit out of its limits, weights of modes that do not sum to 1, or a first mode that is another correction.
         Malformed: a fit that is not finite.
     """
 
@@ -137,7 +137,9 @@ class Estimate:
         total = sum(mode.weight for mode in modes)
         if abs(total - 1) > _ROUNDING:
             raise InvalidInput(f"The weights of estimate.modes sum to {total:g}.", "Need a sum of 1.")
-        if not np.allclose(modes[0].base_T_correction.matrix, self.base_T_correction.matrix, rtol=0, atol=_SAME_PLACE):
+        if not np.allclose(
+            modes[0].base_T_correction.matrix, self.base_T_correction.matrix, rtol=0, atol=_SAME_CORRECTION
+        ):
             raise InvalidInput(
                 "The first of estimate.modes is another place than estimate.base_T_correction.",
                 "Name the answer itself first.",
@@ -149,7 +151,7 @@ class Estimate:
 def point_error(
     covariance: ArrayLike, points: ArrayLike, centroid: ArrayLike, quantiles: ArrayLike = (0.95,)
 ) -> tuple[float, Array]:
-    """The mean point error that a pose covariance stands for, by 1024 fixed draws.
+    """The mean point error under a pose covariance, by 1024 fixed draws.
 
     A pose error (w, d) moves the point p by about w x (p - c) + d.
 

@@ -1,4 +1,4 @@
-"""A session as its client sees it: what it asked for, and where it stands. The REST and gRPC contracts in types."""
+"""A session as its client sees it: the types of the REST and gRPC contracts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MIN_SPEED = 1e-6
 
 
 class State(StrEnum):
-    """Where a session stands; all but `AWAITING_SCAN` are ends."""
+    """The state of a session; all but `AWAITING_SCAN` are final."""
 
     AWAITING_SCAN = "awaiting_scan"
     CONVERGED = "converged"
@@ -42,7 +42,7 @@ class Proposer(StrEnum):
 
 
 class Planner(StrEnum):
-    """How the next region is chosen: by what its scan would tell, or by the proposer's confidence."""
+    """How the next region is chosen: by the predicted information of its scan, or by the proposer's confidence."""
 
     INFORMATION = "information"
     CONFIDENCE = "confidence"
@@ -59,8 +59,8 @@ def _positive(owner: Any, member: str, limits: dict[str, float]) -> None:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Converged = the `confidence` quantile of the object's mean point error is at most `error`, m, and the answer
-    explains the samples.
+    """Converged = the `confidence` quantile of the object's mean point error is at most `error`, m, and the
+    estimate explains the samples.
     """
 
     error: float = 0.003
@@ -214,7 +214,7 @@ class Skipped:
 
 
 Submission = RangeSamples | Points | GatewaySpan | Skipped
-"""What a client can say of a planned scan."""
+"""A client's answer to a planned scan."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class BudgetUsed:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Where a session stands.
+    """The present state of a session.
 
     Attributes:
         base_T_object: the corrected object pose, if the client gave one to correct.
