@@ -112,7 +112,7 @@ class Estimate:
             1000), in one sentence; empty: they are. The REST contract shows it in a session's reason only.
 
     Raises:
-        InvalidInput: a fit out of its limits, weights of modes that do not sum to 1, or a first mode that is another correction.
+        InvalidInput: a fit out of its limits, mode weights that do not sum to 1, or a first mode that differs.
         Malformed: a fit that is not finite.
     """
 

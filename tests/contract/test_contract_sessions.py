@@ -1,4 +1,4 @@
-"""What a robot can rely on, over REST and gRPC alike: sessions converge, run out, are cancelled, and answer again."""
+"""The contract of sessions, over REST and gRPC: they converge, exhaust, are cancelled, and repeat their answers."""
 
 import asyncio
 from typing import Any

@@ -1,4 +1,4 @@
-"""The real sensor gateway for a test that spoils something: within this process, and a client of it."""
+"""The real sensor gateway within this process, and a client of it, for tests that inject faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A subscriber of a faulty device that keeps account of all it was given and told."""
+"""A subscriber of a faulty device that records all that it receives."""
 
 from __future__ import annotations
 

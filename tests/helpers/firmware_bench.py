@@ -1,4 +1,4 @@
-"""The fingertip's firmware on its bench (`firmware/host`): built once a session, driven by its console."""
+"""The fingertip's firmware on its test bench (`firmware/host`): built once per session, controlled by its console."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is checked with torch, in a process of its own: python -m helpers.training_checks NAME FOLDER.
+"""Checks that need torch, in a separate process: python -m helpers.training_checks NAME FOLDER.
 
 torch and open3d are never in one process, and the suite's process has open3d.
 """

@@ -1,4 +1,4 @@
-"""A wide beam's hypotheses: all calibrated on the same wall, and each nearer the nearest part the shorter its pulse."""
+"""The hypotheses about a wide beam: calibrated on the same wall; shorter pulses weight the nearest part more."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Samples at the truth agree; those that cannot be where they are contradict, and what may be hidden does neither."""
+"""Samples at the true pose are inliers; impossible ones contradict it; those on hidden surfaces do neither."""
 
 import numpy as np
 import pytest

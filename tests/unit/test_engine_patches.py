@@ -1,4 +1,4 @@
-"""What samples that share an error are worth: never more than the shared error allows, however they are split."""
+"""The effective number of samples that share an error is bounded, however the samples are split."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The point-cloud engines: they match what they should, and say little where they know little."""
+"""The engines that match points find the pose, and state a wide covariance where samples do not determine it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A session, driven in memory against a finger that scans the true world and services that answer by formula."""
+"""A session in memory, against a finger that scans the true world and services that answer by formula."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The registrar on exact boxes: it finds the calibration error, says how sure it is, and is not sure without reason."""
+"""The registrar on exact boxes: it finds the calibration error, with a covariance of the right size."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A session whose fingertip measures nothing says so, and leaves the pose as it was; a sound one is never doubted."""
+"""A session whose fingertip measures nothing reports it and keeps the pose; a sound fingertip raises no false alarm."""
 
 from __future__ import annotations
 
