@@ -13,6 +13,8 @@ from pretouch.geometry import Array, Pose, frozen_array
 _HALF = np.random.default_rng(0).standard_normal((512, 6))
 _NORMAL = np.concatenate([_HALF, -_HALF])
 _MAX_POINTS = 64
+MIN_FIT = 0.01
+"""p-value below which an estimate is taken not to explain its samples: one good session in a hundred is rejected."""
 _ROUNDING = 1e-6
 """Largest rounding error of a sum of probabilities."""
 _SAME_CORRECTION = 1e-6

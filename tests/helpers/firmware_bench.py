@@ -79,7 +79,7 @@ class Bench:
         return answer
 
     def run(self, milliseconds: int) -> list[Message]:
-        """What the board has said at the end of so much simulated time."""
+        """Lets so much simulated time pass; what the board has sent by then."""
         self.raw = bytes.fromhex(self.tell(f"run {milliseconds}")["sent"])
         return self.frames.feed(self.raw)
 

@@ -90,7 +90,7 @@ def _rows(seen: Relief, sensor: Sensor) -> Array:
     reached = ndimage.gaussian_filter(np.maximum(seen.height, deepest), _SMOOTHING / seen.cell)
     slope_x, slope_y = np.gradient(reached, seen.cell)
     squared = slope_x**2 + slope_y**2
-    spot = 0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle) / 2
+    spot = sensor.spot_radius / 2
     variance = _HEIGHT_STD**2 + sensor.range_std**2 + (_PLACE_STD**2 + spot**2) * squared
     informative = seen.known & ((seen.height >= deepest) | (squared > _STEEP**2))
     x, y = (seen.corner[k] + seen.cell * np.arange(n) for k, n in enumerate(seen.height.shape))
