@@ -239,7 +239,7 @@ def collect_beams(
     return Beams(points, directions, returned, weights, np.concatenate([np.zeros(0), *ranges]))
 
 
-def patches_among(beams: Beams, error: SharedError) -> Patches:
+def find_beam_patches(beams: Beams, error: SharedError) -> Patches:
     """The patches of the beams' samples."""
     return find_patches(beams.points, beams.directions, beams.returned, error)
 
