@@ -1,4 +1,4 @@
-"""What one stream's listener has got so far, as columns that an hour does not fill."""
+"""What a stream's listener has received, in columns whose memory is bounded."""
 
 from __future__ import annotations
 

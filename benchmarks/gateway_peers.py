@@ -1,4 +1,4 @@
-"""What the gateway is set beside: a bare pyserial reader, and a bare gRPC stream, each as simple as can be."""
+"""The peers of the gateway's benchmark: a bare pyserial reader, and a bare gRPC stream."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The gateway as the process that it is in the field, and what it costs."""
+"""The gateway as a separate process, and its resource usage."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def _through_gateway(
         "refused": after.device.bad_frames - before.device.bad_frames,
         "overrun": after.overrun - before.overrun,
     }
-    return _judged(sent, count, seconds, {name: number for name, number in losses.items() if number})
+    return _assess(sent, count, seconds, {name: number for name, number in losses.items() if number})
 
 
 def _bare(rate: float, seconds: float, fingers: Worker, reader: Worker, decode: bool) -> Trial:
@@ -127,10 +127,10 @@ def _bare(rate: float, seconds: float, fingers: Worker, reader: Worker, decode: 
     reader.tell(Reading(count, start, _GRACE, decode))
     (sent,) = fingers.ask(Job((1,), (0.0,), count, rate, start, _DISTINCT), _PATIENCE + 2 * seconds)
     missing = len(sent.stamps) - len(reader.answer(_PATIENCE + seconds))
-    return _judged(sent, count, seconds, {"missing": missing} if missing else {})
+    return _assess(sent, count, seconds, {"missing": missing} if missing else {})
 
 
-def _judged(sent: Sent, count: int, seconds: float, losses: dict[str, int]) -> Trial:
+def _assess(sent: Sent, count: int, seconds: float, losses: dict[str, int]) -> Trial:
     if losses:
         return Trial(False, ", ".join(f"{number} {name}" for name, number in losses.items()))
     if len(sent.stamps) < count or sent.late > TOLERANCE * seconds + _HICCUP:

@@ -1,4 +1,4 @@
-"""What a process uses."""
+"""The CPU time and memory of a process."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def oracle(errors: ArrayLike, best: int = BEST) -> float:
     halves = every[:, ::2], every[:, 1::2]
     if every.shape[1] < 2:
         return math.nan
-    return float(np.mean([_chosen(by, judged, best) for by, judged in (halves, halves[::-1])]))
+    return float(np.mean([_chosen(by, held_out, best) for by, held_out in (halves, halves[::-1])]))
 
 
 def hindsight(errors: ArrayLike, best: int = BEST) -> float:
@@ -50,5 +50,5 @@ def gap_closed(random: float, achieved: float, best: float) -> float:
     return (random - achieved) / (random - best) if random > best else math.nan
 
 
-def _chosen(by: Array, judged: Array, best: int) -> float:
-    return ranked(judged, by.mean(axis=1), best)
+def _chosen(by: Array, held_out: Array, best: int) -> float:
+    return ranked(held_out, by.mean(axis=1), best)

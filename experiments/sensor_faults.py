@@ -45,9 +45,9 @@ FAULTS: dict[str, Callable[[Finger], Finger]] = {
 
 
 class Outcome(NamedTuple):
-    """A session's first scans: how many had a verdict and no return, the error before and after, m, and the end."""
+    """A session's first scans: how many had a diagnosis or no return, the error before and after, m, and the end."""
 
-    verdicts: int
+    diagnoses: int
     empty: int
     initial: float
     error: float
@@ -61,15 +61,15 @@ async def run_session(
     loop, finger = loop_of(protocol, registrar), fault(finger_of(case, protocol))
     request = replace(request_of(case, protocol), sensor=finger.sensor)
     record = await loop.open(case.name, 0.0, request, case.depth, case.mask)
-    verdicts = empty = 0
+    diagnoses = empty = 0
     while record.next_scan is not None and len(record.scans) < SCANS:
         rng = generator("finger", protocol.seed, case.name, case.view, len(record.scans))
         samples = scan_along(case.world, record.next_scan.path, finger.sensor, finger, rng)
-        verdicts += bool(diagnose(samples, finger.sensor, record.scene, record.estimate, record.measured))
+        diagnoses += bool(diagnose(samples, finger.sensor, record.scene, record.estimate, record.measured))
         empty += not samples.beams(finger.sensor).returned.any()
         record = await loop.advance(record, record.next_scan.scan_id, samples)
     error = case.error(record.estimate.base_T_correction)
-    return Outcome(verdicts, empty, case.error(Pose.identity()), error, record.state)
+    return Outcome(diagnoses, empty, case.error(Pose.identity()), error, record.state)
 
 
 def text(command: str, meshes: int, rows: dict[str, list[Outcome]]) -> str:
@@ -77,19 +77,19 @@ def text(command: str, meshes: int, rows: dict[str, list[Outcome]]) -> str:
     lines = [
         "# Broken fingertips noticed, sound ones doubted\n",
         f"Made by `{command}`: {meshes} meshes of the training side, one view each, the first {SCANS} scans of a "
-        "session (proposer random, default budget and tolerance). A scan with a verdict is one that was left out; an "
+        "session (proposer random, default budget and tolerance). A scan with a diagnosis is one that was left out; an "
         "empty one is one without any return. The broken fingertips are `ideal` ones but for their fault.\n",
     ]
     headings = (
-        *("fingertip", "sessions", "with a verdict", "scans with a verdict", "empty scans", "over 1 mm worse"),
+        *("fingertip", "sessions", "with a diagnosis", "scans with a diagnosis", "empty scans", "over 1 mm worse"),
         "converged",
     )
     cells = []
     for name, outcomes in rows.items():
         counts = [
             len(outcomes),
-            sum(outcome.verdicts > 0 for outcome in outcomes),
-            sum(outcome.verdicts for outcome in outcomes),
+            sum(outcome.diagnoses > 0 for outcome in outcomes),
+            sum(outcome.diagnoses for outcome in outcomes),
             sum(outcome.empty for outcome in outcomes),
             sum(outcome.error > outcome.initial + 0.001 for outcome in outcomes),
             sum(outcome.state is State.CONVERGED for outcome in outcomes),

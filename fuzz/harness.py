@@ -1,4 +1,4 @@
-"""What must hold for every wire format, whatever a device sends."""
+"""The invariants of every wire format, for any input."""
 
 from __future__ import annotations
 

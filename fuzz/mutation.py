@@ -1,4 +1,4 @@
-"""Mutated inputs from a seed, for the test suite: what a noisy line does to what devices send."""
+"""Mutated inputs from a seed, for the test suite: what a noisy line does to a device's stream."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What well-behaved devices send."""
+"""The streams of sound devices."""
 
 from __future__ import annotations
 

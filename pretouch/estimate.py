@@ -13,17 +13,19 @@ from pretouch.geometry import Array, Matrix6, Pose, Vector3, Vector6, frozen_arr
 _HALF = np.random.default_rng(0).standard_normal((512, 6))
 _NORMAL = np.concatenate([_HALF, -_HALF])
 _MAX_POINTS = 64
+MIN_FIT = 0.01
+"""p-value below which an estimate is taken not to explain its samples: one good session in a hundred is rejected."""
 _ROUNDING = 1e-6
-"""How far a sum of probabilities may be off."""
-_SAME_PLACE = 1e-6
-"""m, or an entry of the rotation matrix: two corrections that differ by less are one."""
-_SUREST = 1e-6
-"""m or rad: the square of a much smaller deviation would be lost among the rounding errors of the others."""
+"""Largest rounding error of a sum of probabilities."""
+_SAME_CORRECTION = 1e-6
+"""m, or an entry of the rotation matrix: two corrections that differ by less are the same."""
+_MIN_STD = 1e-6
+"""m or rad, least standard deviation: a much smaller variance would be lost in rounding errors."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is believed before the first scan: an unbiased normal error of the camera's calibration.
+    """The distribution of the camera's calibration error before the first scan: normal, with zero mean.
 
     The defaults have the standard deviations of uniform errors of +-2 cm and +-5 deg.
 
@@ -42,9 +44,9 @@ class Prior:
     def __post_init__(self) -> None:
         for name in ("translation_std", "rotation_std"):
             value = float(frozen_array(getattr(self, name), (), f"prior.{name}"))
-            if not _SUREST <= value <= 1:
+            if not _MIN_STD <= value <= 1:
                 raise InvalidInput(
-                    f"prior.{name} is {value:g}.", f"Need a standard deviation of {_SUREST:g} to 1 (m or rad)."
+                    f"prior.{name} is {value:g}.", f"Need a standard deviation of {_MIN_STD:g} to 1 (m or rad)."
                 )
             object.__setattr__(self, name, value)
 
@@ -147,7 +149,9 @@ class Estimate:
         total = sum(mode.weight for mode in modes)
         if abs(total - 1) > _ROUNDING:
             raise InvalidInput(f"The weights of estimate.modes sum to {total:g}.", "Need a sum of 1.")
-        if not np.allclose(modes[0].base_T_correction.matrix, self.base_T_correction.matrix, rtol=0, atol=_SAME_PLACE):
+        if not np.allclose(
+            modes[0].base_T_correction.matrix, self.base_T_correction.matrix, rtol=0, atol=_SAME_CORRECTION
+        ):
             raise InvalidInput(
                 "The first of estimate.modes is another place than estimate.base_T_correction.",
                 "Name the answer itself first.",
@@ -159,7 +163,7 @@ class Estimate:
 def point_error(
     covariance: ArrayLike, points: ArrayLike, centroid: ArrayLike, quantiles: ArrayLike = (0.95,)
 ) -> tuple[float, Array]:
-    """The mean point error that a pose covariance stands for, by 1024 fixed draws.
+    """The mean point error under a pose covariance, by 1024 fixed draws.
 
     A pose error (w, d) moves the point p by about w x (p - c) + d.
 

@@ -22,7 +22,7 @@ Matrix6 = Annotated[Array, (6, 6)]
 QUATERNION_NORM_TOLERANCE = 1e-3
 """A quaternion whose norm is within this of 1 is normalised; any other is refused."""
 MAX_DISTANCE = 1e6
-"""m from a frame's origin that a client may place anything; more would drown the millimetres."""
+"""m: largest distance from a frame's origin; farther away, rounding errors would exceed the precision needed."""
 _ORTHONORMAL_TOLERANCE = 1e-4
 
 

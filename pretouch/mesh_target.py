@@ -1,4 +1,4 @@
-"""A known shape where it is believed to stand: the registrar's target instead of what a camera saw."""
+"""A known shape at its believed pose: the registrar's target instead of a depth image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pretouch.geometry import MAX_DISTANCE, Array, Plane, Pose, frozen_array
 
 MAX_FACES = 1_000_000
 MAX_EXTENT = 5.0
-"""m: what stands on a table is smaller; a mesh in millimetres is larger."""
+"""m: objects on a table are smaller; a mesh in millimetres is larger."""
 _LEAST_AREA = 1e-8
 """m^2 that all triangles together must have: a tenth of a millimetre squared."""
 
@@ -24,12 +24,12 @@ class MeshTarget:
     Attributes:
         vertices: (n, 3), m, in the object's frame.
         faces: (m, 3) indices into `vertices`; either side may be outside.
-        base_T_object: the object's believed pose; what it gets wrong is the correction we look for.
+        base_T_object: the object's believed pose; its error is what is estimated.
         table: in base, believed along with the object, normal away from the table.
 
     Raises:
         Malformed: a number is not finite.
-        InvalidInput: no triangle with an area, a face that names a vertex that does not exist, or a size that no thing
+        InvalidInput: no triangle with an area, a face that names a vertex that does not exist, or a size that no object
             on a table has.
         TooLarge: more than MAX_FACES faces, or three times as many vertices.
     """

@@ -26,7 +26,7 @@ class Scene:
     Attributes:
         depth: the depth image, (h, w).
         camera: its intrinsics.
-        base_T_camera: the extrinsics as the client believes them; what they get wrong is the correction we look for.
+        base_T_camera: the extrinsics as the client believes them; their error is what is estimated.
         mask: (h, w) bool, True on the object; kept only where there is depth.
         table: in base by `base_T_camera`, normal away from the table.
 

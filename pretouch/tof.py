@@ -63,6 +63,11 @@ class Sensor:
                     "0 < rate <= 10000 Hz, 1 to 256 modules.",
                 )
 
+    @property
+    def spot_radius(self) -> float:
+        """m: the beam's radius in the middle of the range."""
+        return float(0.5 * (self.range_min + self.range_max) * np.tan(self.beam_half_angle))
+
 
 @dataclass(frozen=True, eq=False)
 class RangeSamples:

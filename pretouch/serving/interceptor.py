@@ -119,7 +119,7 @@ def _texts(metadata: Iterable[tuple[str, Any]] | None) -> dict[str, str]:
 
 
 def _refuse_unread(refusal: PretouchError) -> Any:
-    """A handler for any kind of call, which are one on the wire: as a stream it need not read the request first."""
+    """A handler that refuses any kind of call; as a stream it need not read the request first."""
 
     async def refuse(_: Any, __: Any) -> None:
         raise refusal

@@ -27,7 +27,7 @@ _NOT_FOR_CHILDREN = {
     f"PRETOUCH_{option}"
     for option in ("METRICS_PORT", "TLS_CERT", "TLS_KEY", "TLS_CLIENT_CA", "ORCHESTRATOR_TLS_CA", "TOKEN")
 }
-"""Variables that would clash between the children, or come between them: on loopback they speak plainly."""
+"""Variables that would clash between the children; on loopback they use no TLS."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_summary import Setup, Summary, by_setup, summaries, summary_of
 from pretouch_simulation.markdown import markdown_table
 
-Judged = TypeVar("Judged", Summary, Honesty)
+Line = TypeVar("Line", Summary, Honesty)
 _ERRORS = ("mean cm", "median", "std", "p95", "> 1 cm")
 _COSTS = ("covered", "expected", "share", "robot s")
 
@@ -130,11 +130,11 @@ def _varied(runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(name for name in ("camera", "sensor", "engine") if len({getattr(one, name) for one in setups}) > 1)
 
 
-def _side_by_side(found: Sequence[Judged]) -> list[Judged]:
+def _side_by_side(found: Sequence[Line]) -> list[Line]:
     """By camera and sensor, then scan, then engine; the state before the first scan once for all engines."""
     worlds = dict.fromkeys(one.setup.world for one in found)
     scans = sorted({one.scan for one in found})
-    lines: list[Judged] = []
+    lines: list[Line] = []
     for world in worlds:
         for scan in scans:
             at = [one for one in found if (one.setup.world, one.scan) == (world, scan)]

@@ -1,4 +1,4 @@
-"""The real containers: built, hardened, published as promised, and good for a whole session."""
+"""The containers: hardened, with the documented ports, and able to run a whole session."""
 
 from __future__ import annotations
 

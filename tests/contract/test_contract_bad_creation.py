@@ -1,4 +1,4 @@
-"""Whatever a client sends to open a session, it learns what was wrong and what to do, the same over REST and gRPC."""
+"""Every invalid creation gets an error with a remedy, the same over REST and gRPC."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Images and arrays that are not what they say are refused unread, and a body beyond the limit before it came."""
+"""Invalid images and arrays are refused before they are decoded, and bodies above the limit before they are read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a client says of a scan, it learns what was wrong, over REST as over gRPC; the session is as it was."""
+"""Every invalid submission gets an error with a remedy, over REST and gRPC, and leaves the session unchanged."""
 
 from __future__ import annotations
 

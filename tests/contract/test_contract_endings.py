@@ -1,4 +1,4 @@
-"""What a robot can rely on when a session ends without converging, over REST and gRPC alike: it is told why."""
+"""The reason of a session that ends without converging, over REST and gRPC."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The REST API keeps to its own description, whatever is sent: no 500, and every error is a problem document."""
+"""The REST API follows its OpenAPI document for any input: no 500, and every error is a problem document."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot can rely on, over REST and gRPC alike: sessions converge, run out, are cancelled, and answer again."""
+"""The contract of sessions, over REST and gRPC: they converge, exhaust, are cancelled, and repeat their answers."""
 
 import asyncio
 from typing import Any
@@ -147,7 +147,7 @@ async def test_unknown_sessions_and_scans_are_not_found(client: Any) -> None:
     assert (await client.session(session.id)).budget_used.scans == 0
 
 
-async def test_a_skipped_scan_is_no_evidence_and_costs_nothing(client: Any) -> None:
+async def test_a_skipped_scan_changes_no_estimate_and_costs_nothing(client: Any) -> None:
     session = await client.create_session(roomy, DEPTH, MASK)
     plan = session.next_scan
     after = await client.submit(session.id, plan.scan_id, Skipped(measured(plan)))
@@ -184,7 +184,7 @@ async def test_points_are_a_scan_too(client: Any) -> None:
     assert (after.scans[0].samples, after.scans[0].returns) == (len(points), len(points))
 
 
-async def test_a_scan_that_met_nothing_is_evidence(client: Any) -> None:
+async def test_a_scan_without_a_return_counts_as_a_scan(client: Any) -> None:
     session = await client.create_session(roomy, DEPTH, MASK)
     samples = measured(session.next_scan)
     missed = type(samples)(samples.t, samples.base_T_tip, np.full(len(samples), np.nan), samples.status, samples.module)

@@ -1,4 +1,4 @@
-"""All four clients speak TLS, show a certificate of their own where it is wanted, and trust nobody else's authority."""
+"""All four clients use TLS, send a client certificate where it is required, and trust only the given authority."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

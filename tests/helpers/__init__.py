@@ -1,1 +1,1 @@
-"""What several test files share: fakes, probes, builders of input. Nothing here is a test."""
+"""What several test files share: fakes, probes and builders of input."""

@@ -27,5 +27,5 @@ def request(**changes: Any) -> SessionRequest:
 
 
 def measured(plan: ScanPlan) -> RangeSamples:
-    """What the finger says along the plan."""
+    """The finger's samples along the plan."""
     return WORLD.scanned(plan.path, Sensor())

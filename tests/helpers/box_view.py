@@ -1,4 +1,4 @@
-"""A view that every test can afford: an exact depth image of one box on a table, and what a client says of it."""
+"""An inexpensive view: an exact depth image of one box on a table, and its request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The four clients of the library behind one asynchronous face, so that a test can be written once for all of them."""
+"""The four clients of the library behind one asynchronous interface, so that one test covers all of them."""
 
 from __future__ import annotations
 

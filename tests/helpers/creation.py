@@ -1,4 +1,4 @@
-"""Requests to open a session, as raw multipart forms and raw messages, good but for what a test makes bad."""
+"""Requests to open a session, as raw multipart forms and raw messages, valid except for what a test changes."""
 
 from __future__ import annotations
 

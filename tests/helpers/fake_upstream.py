@@ -1,10 +1,10 @@
-"""Detector, registrar and gateway in one gRPC server: quick, deterministic, and as unwell as a test wants.
+"""Detector, registrar and gateway in one gRPC server: quick, deterministic, with faults on demand.
 
     with FakeUpstream() as upstream:
         ...                                    # the orchestrator is given upstream.address three times
         upstream.ready = {"random"}            # proposers that can be used
         upstream.fail("Register", Unavailable("gone", "wait"), times=2)
-        with upstream.held("Register"):        # calls wait at the door until the block ends
+        with upstream.held("Register"):        # calls wait until the block ends
             ...
         with upstream.estimating(doubtful):    # estimates from scans are changed by a function until the block ends
             ...
@@ -128,7 +128,7 @@ class FakeUpstream:
 
     @contextlib.contextmanager
     def estimating(self, changed: Callable[[Estimate], Estimate]) -> Iterator[None]:
-        """Estimates from scans are what `changed` makes of them until the block ends."""
+        """Estimates from scans are changed by the function `changed` until the block ends."""
         self.changed = changed
         try:
             yield
@@ -164,7 +164,7 @@ def refuse(context: grpc.ServicerContext, error: PretouchError) -> None:
 
 
 def regions(scene: Scene) -> list[RotatedRectangle]:
-    """Three rectangles around the object: its bounding box, then its left and its right half."""
+    """Three rectangles around the object: its bounding box, and its left and right half."""
     u0, v0, u1, v1 = scene.bounds()
     u, v, w, h = (u0 + u1 - 1) / 2, (v0 + v1 - 1) / 2, u1 - u0, v1 - v0
     return [
@@ -175,7 +175,7 @@ def regions(scene: Scene) -> list[RotatedRectangle]:
 
 
 def estimate(scene: Scene, scans: int, samples: int, prior: Prior) -> Estimate:
-    """The answer after `scans` scans: towards a shift of (10, -5, 4) mm, its deviations shrunk by SHRINK a scan."""
+    """The answer after `scans` scans: towards a shift of (10, -5, 4) mm; each scan multiplies deviations by SHRINK."""
     if scans == 0:
         return from_prior(prior, scene.cloud)
     share = 1 - SHRINK**-scans

@@ -1,9 +1,9 @@
-"""A fingertip on a real pty whose line, power and clock the test may spoil, and which remembers all that it did.
+"""A fingertip on a real pty, with faults of line, power and clock on demand, that records all that it did.
 
 board = Board(tmp_path / "finger")
 board.measure(5)                     # five frames; they wait where the line takes no more
-board.unplug(); board.plug()         # it keeps its power, measures on and counts on
-board.damage = lambda data: ...      # what the line makes of all that the board says
+board.unplug(); board.plug()         # it keeps its power, and continues to measure and count
+board.damage = lambda data: ...      # changes all bytes on the line
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from helpers.links import Pty
 
 FIRST_SERIAL, OTHER_SERIAL = "00000000000000aa", "00000000000000bb"
 PAUSE = 0.005
-"""Seconds that a board lets pass from burst to burst."""
+"""Seconds between bursts."""
 
 
 def whole(data: bytes) -> bytes:
-    """What a good line makes of it."""
+    """A sound line: it changes nothing."""
     return data
 
 
@@ -37,16 +37,16 @@ class Board:
     Args:
         link: the path of its port.
         first_tick: what its clock shows at its start, microseconds.
-        sequence: of its next measurement: one that has run for long has measured much.
+        sequence: number of its next measurement.
         answers: whether it answers pings.
 
     Attributes:
-        made: measurements so far, heard or not.
+        made: measurements so far, sent or not.
         times: by boot number and sequence, when each was measured, s of `time.monotonic`.
-        words: every frame that it ever said, as it was before the line had it.
-        line: all bytes that came onto the line.
+        words: every frame that it sent, before the line changed it.
+        line: all bytes on the line.
         asked: all bytes that the gateway sent.
-        damage: what the line makes of what it is given.
+        damage: how the line changes bytes.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Board:
         asyncio.get_running_loop().add_reader(self._pty.master, self._hear, self._pty.master)
 
     def unplug(self) -> None:
-        """Whatever nobody has read yet is gone."""
+        """Unplugs the board; unread bytes are lost."""
         assert self._pty is not None
         pty, self._pty = self._pty, None
         asyncio.get_running_loop().remove_reader(pty.master)
@@ -106,7 +106,7 @@ class Board:
         self._say(self._identity())
 
     def clock_leaps(self, ticks: int) -> None:
-        """Its clock shows so many microseconds more than it should."""
+        """Its clock jumps ahead by so many microseconds."""
         self._first_tick += ticks
 
     def measure(self, count: int = 1, *, heard: bool = True) -> None:
@@ -130,11 +130,11 @@ class Board:
         return frame
 
     def skip(self, count: int) -> None:
-        """Measures where nobody hears it: it counts on, and this is none of `made`."""
+        """Takes measurements that are neither sent nor in `made`; their sequence numbers are used up."""
         self._sequence = (self._sequence + count) % COUNTER_MODULUS
 
     def write(self, data: bytes) -> None:
-        """Onto the line, if it has one."""
+        """Writes onto the line, if it is plugged in."""
         if self._pty is None:
             return
         data = self.damage(data)
@@ -152,30 +152,30 @@ class Board:
         self._push()
 
     async def written(self) -> None:
-        """Until the line took everything."""
+        """Waits until the line took everything."""
         while self._waiting:
             self._written.clear()
             await self._written.wait()
 
     async def bursts(self, number: int, frames: int = 5) -> None:
-        """As many bursts of some frames each, a moment apart."""
+        """Sends so many bursts of some frames each."""
         for _ in range(number):
             self.measure(frames)
             await self.written()
             await asyncio.sleep(PAUSE)
 
     async def measure_on(self, frames: int = 5) -> None:
-        """Bursts until cancelled."""
+        """Sends bursts until cancelled."""
         while True:
             await self.bursts(1, frames)
 
     def ticks(self) -> list[int]:
-        """What its clock showed at each measurement of this run, microseconds."""
+        """Its clock at each measurement since the last boot, microseconds."""
         return [self._micros(at) for (boot, _), at in self.times.items() if boot == self.boot]
 
     @property
     def damaged(self) -> int:
-        """Pieces between zeros on the line that are none of its words."""
+        """The pieces between zeros on the line that are not frames of the board."""
         return sum(piece not in self.words for piece in bytes(self.line).split(END)[:-1] if piece)
 
     def _hear(self, master: int) -> None:

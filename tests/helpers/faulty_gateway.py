@@ -1,4 +1,4 @@
-"""The real sensor gateway for a test that spoils something: within this process, and a client of it."""
+"""The real sensor gateway within this process, and a client of it, for tests that inject faults."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 
 TIMEOUT = 60.0
-"""Seconds of a whole conversation: only a hang takes so long."""
+"""Seconds; only a hang takes so long."""
 _POLL = 0.01
 
 
@@ -45,18 +45,18 @@ class Gateway:
         return answer
 
     async def until(self, wanted: Callable[[pb.GetStatusResponse], bool]) -> pb.GetStatusResponse:
-        """The first status that is as wanted; nobody is told of its changes."""
+        """Polls until a status fulfils the condition, and returns it."""
         while not wanted(status := await self.status()):  # noqa: ASYNC110
             await asyncio.sleep(_POLL)
         return status
 
     async def opened(self, times: int = 1) -> None:
-        """Until the port was opened so often: a pty forgets what was sent before."""
+        """Waits until the port was opened so often, since a pty drops what was sent before."""
         await self.until(lambda status: status.connections >= times)
 
     @asynccontextmanager
     async def listening(self) -> AsyncIterator[Listener]:
-        """A subscriber that misses nothing from now on."""
+        """A subscriber that receives everything from now on."""
         stream = self.stub.StreamRanges(pb.StreamRangesRequest(device=self._device))
         await stream.wait_for_connection()
         async with Listener(stream) as listener:
@@ -68,7 +68,7 @@ class Gateway:
 
 @asynccontextmanager
 async def gateway(port: Path | GatewaySetting, device: str = "") -> AsyncIterator[Gateway]:
-    """A gateway in this process, with one device on `port` or a whole setting; its log may tell of no defect."""
+    """A gateway in this process, with one device on `port` or a whole setting; its log must not contain a defect."""
     setting = port if isinstance(port, GatewaySetting) else GatewaySetting((DeviceSetting("finger", str(port)),))
     with structlog.testing.capture_logs() as log:
         async with (

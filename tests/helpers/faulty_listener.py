@@ -1,4 +1,4 @@
-"""A subscriber of a faulty device that keeps account of all it was given and told."""
+"""A subscriber of a faulty device that records all that it receives."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LATE = 0.002
 
 @dataclass
 class Account:
-    """What a subscriber got, and was told that it will never get; and when each answer came, s of `time.monotonic`."""
+    """The frames and the reported gaps that a subscriber received, with their arrival times, s of `time.monotonic`."""
 
     got: int = 0
     lost: int = 0
@@ -42,7 +42,7 @@ class Account:
 
     @property
     def told(self) -> int:
-        """Measurements that it knows of."""
+        """The number of measurements that were received or reported as lost."""
         return self.got + self.lost + self.overrun
 
     @property
@@ -74,7 +74,7 @@ class Account:
         }
 
     def check_frames(self, boots: Mapping[int, int], times: Mapping[tuple[int, int], float], offset: float) -> None:
-        """Each frame is one that a board made, of the right boot, with its range and at its time.
+        """Checks that each frame is one of the board's, of the right boot, with its range and its time.
 
         Args:
             boots: the boot number behind each epoch.
@@ -94,7 +94,7 @@ class Account:
                 np.testing.assert_allclose(raw, expected, atol=_RANGE_STEP, rtol=0)
 
     def check_gaps(self) -> None:
-        """The numbers rise, and what is missing between two frames was told before the second one."""
+        """Checks that numbers increase, and that a gap between two frames was reported before the second one."""
         for before, after in pairwise(self.answers):
             if before.batch.epoch != after.batch.epoch:
                 continue
@@ -134,7 +134,7 @@ class Listener(Account):
         self._stream.cancel()
 
     async def until(self, come: Callable[[], bool]) -> None:
-        """Until that is so.
+        """Waits until the condition holds.
 
         Raises:
             AioRpcError: the stream ended first.
@@ -146,7 +146,7 @@ class Listener(Account):
             self._news.clear()
 
     async def ended(self) -> AioRpcError:
-        """Why the stream ended, once it has."""
+        """Waits for the end of the stream; returns why it ended."""
         while self.end is None:
             await self._news.wait()
             self._news.clear()

@@ -1,4 +1,4 @@
-"""The fingertip's firmware on its bench (`firmware/host`): built once a session, driven by its console."""
+"""The fingertip's firmware on its test bench (`firmware/host`): built once per session, controlled by its console."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Bench:
         return answer
 
     def run(self, milliseconds: int) -> list[Message]:
-        """What the board has said at the end of so much simulated time."""
+        """Lets so much simulated time pass; what the board has sent by then."""
         self.raw = bytes.fromhex(self.tell(f"run {milliseconds}")["sent"])
         return self.frames.feed(self.raw)
 

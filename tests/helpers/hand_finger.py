@@ -1,4 +1,4 @@
-"""A fingertip behind a real pty, whose device end the test plays."""
+"""A fingertip behind a real pty, controlled by the test."""
 
 from __future__ import annotations
 

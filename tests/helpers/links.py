@@ -1,4 +1,4 @@
-"""What stands on either side of a port link: a listener, a log that remembers, and a pty to pull out.
+"""The two sides of a port link: a listener and a log that record, and a pty that can be unplugged.
 
 Helper of `test_gateway_transport*.py`.
 """
@@ -17,7 +17,7 @@ from pretouch_sensor_gateway.transport.link import Link
 
 
 class Ears:
-    """Hears what a link says, in order: "opened", "closed" and bytes (those that come together as one)."""
+    """Records a link's events in order: "opened", "closed" and bytes (those received together as one)."""
 
     def __init__(self) -> None:
         self.events: list[str | bytes] = []
@@ -62,13 +62,13 @@ class Ears:
 
 
 async def eventually(condition: Callable[[], bool]) -> None:
-    """Returns once the condition holds of which nobody is told."""
+    """Polls until the condition holds."""
     while not condition():  # noqa: ASYNC110
         await asyncio.sleep(0.001)
 
 
 class Diary:
-    """A log that remembers."""
+    """A log that records its lines."""
 
     def __init__(self) -> None:
         self.entries: list[tuple[str, dict[str, Any]]] = []
@@ -117,7 +117,7 @@ class Pty:
         fresh = self.path.with_suffix(".new")
         fresh.symlink_to(self.slave_path)
         fresh.replace(self.path)
-        self._slave = slave  # kept open: reading a master whose slave nobody has open is an error
+        self._slave = slave  # kept open: reading a master without an open slave is an error
 
     def send(self, data: bytes) -> None:
         assert os.write(self.master, data) == len(data)

@@ -54,7 +54,7 @@ class RandomDetector:
 
 
 class FormulaRegistrar:
-    """Knows the correction; each return shrinks the prior's deviations, and long paths are predicted to tell more.
+    """Knows the correction; each return shrinks the prior's deviations, and long paths get a larger predicted gain.
 
     Attributes:
         fit, sensor_problem: what it says of any samples.

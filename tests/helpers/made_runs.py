@@ -1,4 +1,4 @@
-"""Runs of an evaluation that never took place, for what is made of runs."""
+"""Synthetic runs of an evaluation, for tests of its tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The evaluation's cases with the object's shape known: the target, and scans made without looking."""
+"""The evaluation's cases with a known shape: the mesh target, and scans that were not planned."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pretouch.trajectory import Trajectory
 
 
 def mesh_target_of(case: Case) -> MeshTarget:
-    """The object's mesh and the table where the camera, wrong as it is, would put them."""
+    """The object's mesh and the table where the miscalibrated camera puts them."""
     body, believed = case.world.bodies[0], case.truth.inverse()
     return MeshTarget(body.mesh.vertices, body.mesh.faces, believed @ body.base_T_mesh, TABLE.moved(believed))
 
 
 def blind_scans(case: Case, count: int = 4) -> list[Scan]:
-    """Straight scans at random across where the object truly stands, 35 mm above its top."""
+    """Random straight scans across the object's true place, 35 mm above its top."""
     extents = case.world.bodies[0].mesh.extents
     finger, reach = ThinBeam(), float(extents[:2].max()) / 2 + 0.03
     scans = []

@@ -1,4 +1,4 @@
-"""A gateway whose finger looks at a plate: a real gRPC server, known modules, a plate that a test puts anywhere.
+"""A gateway whose finger looks at a plate: a real gRPC server, known modules, and a plate at any distance.
 
 with PlateGateway(ModuleCalibration(0.003), None) as gateway:      # None: a module that sees nothing
     gateway.plate = 0.02                                           # m, and `slide` m a frame while it is read
@@ -112,7 +112,7 @@ class PlateGateway(SensorGatewayServiceServicer):
             raw[self._rng.uniform(size=BATCH) < self.outliers, k] = 0.2
             status[:, k] = 0
         lost = self._rng.uniform(size=status.shape) < 0.05
-        raw[lost], status[lost] = 0.0, 6  # what a device tells beside a bad status means nothing
+        raw[lost], status[lost] = 0.0, 6  # the range beside a bad status has no meaning
         return pb.RangeBatch(
             t=array_to_proto(np.arange(BATCH), "f8"),
             sequence=array_to_proto(sent + np.arange(BATCH), "u4"),

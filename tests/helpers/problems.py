@@ -1,4 +1,4 @@
-"""Sends anything at all to the orchestrator, as raw HTTP and as raw protobuf, and reads the problem that comes back."""
+"""Sends arbitrary input to the orchestrator, as raw HTTP and raw protobuf, and reads the problem in the response."""
 
 from __future__ import annotations
 

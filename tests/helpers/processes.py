@@ -1,4 +1,4 @@
-"""Services as the processes that they are in the field: started, waited for, ended, killed.
+"""Services as processes: started, waited for, stopped, killed.
 
 with FakeUpstream() as upstream, Orchestrator(tmp_path, upstream.address) as orchestrator:
     httpx.get(f"{orchestrator.rest_url}/v1/sessions")
@@ -22,7 +22,7 @@ _TIMEOUT = 60.0  # s: a first start may compile caches on a busy machine
 
 
 def free_port() -> int:
-    """A port of 127.0.0.1 that was free a moment ago."""
+    """A free port of 127.0.0.1."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         return int(server.getsockname()[1])
 

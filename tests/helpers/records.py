@@ -1,4 +1,4 @@
-"""Session records with every member set, with numbers that no rounding leaves alone."""
+"""Session records with every member set, with numbers that any rounding would change."""
 
 from __future__ import annotations
 

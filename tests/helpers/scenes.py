@@ -1,9 +1,9 @@
-"""Boxes on a table, exactly: what a camera sees of them, how far a point is from them, what a finger measures.
+"""Boxes on a table: exact depth images, distances of points, and ranges of a finger.
 
     world = World((Box.standing((0.08, 0.06, 0.05)), Box.standing((0.04, 0.04, 0.1), (0.1, 0.0))))
     scene = world.scene()                        # the first box is the object
     truth = world.moved(correction)              # where everything truly is
-    samples = truth.scanned(plan.path, sensor)   # what the finger says of it
+    samples = truth.scanned(plan.path, sensor)   # what the finger measures
 
 The table is z = 0 of base unless the world was moved.
 """
@@ -116,7 +116,7 @@ class World:
         return Scene(depth, seen.camera, seen.base_T_camera, mask, self.table)
 
     def scanned(self, path: Trajectory, sensor: Sensor, noise: np.random.Generator | None = None) -> RangeSamples:
-        """What a thin beam says along `path`, at the sensor's rate; beyond its range status 7 and no range."""
+        """The samples of a thin beam along `path`, at the sensor's rate; beyond its range status 7 and no range."""
         tips = path.sampled(sensor.rate)
         ranges, _ = self.cast(tips.base_T_tip[:, :3, 3], tips.base_T_tip[:, :3, 2])
         if noise is not None:

@@ -1,4 +1,4 @@
-"""An orchestrator that answers what a test says, over REST and gRPC, to see what the clients do with it."""
+"""An orchestrator with scripted answers, over REST and gRPC, for tests of the clients."""
 
 from __future__ import annotations
 

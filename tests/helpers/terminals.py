@@ -1,4 +1,4 @@
-"""A program in a terminal, as a person sees it: what is on the screen, and what is left of the terminal afterwards."""
+"""A program in a pseudo-terminal: the screen's contents, and the terminal's state afterwards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is checked with torch, in a process of its own: python -m helpers.training_checks NAME FOLDER.
+"""Checks that need torch, in a separate process: python -m helpers.training_checks NAME FOLDER.
 
 torch's threads and half a gigabyte stay out of the suite's process.
 """
@@ -49,13 +49,13 @@ def made_views(count: int, seed: int = 0) -> list[Targets]:
 
 
 class Interrupting(list[Targets]):
-    """Views that can be judged once; then comes Ctrl-C."""
+    """Views that can be scored once; then comes Ctrl-C."""
 
-    judged = 0
+    scored = 0
 
     def __len__(self) -> int:
-        self.judged += 1
-        if self.judged > 1:
+        self.scored += 1
+        if self.scored > 1:
             raise KeyboardInterrupt
         return super().__len__()
 

@@ -1,4 +1,4 @@
-"""A gateway for `pretouch gateway watch` to watch: its messages, and a server that says what the test wants."""
+"""A gateway for tests of `pretouch gateway watch`: its messages, and a server with scripted answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The detector's latency benchmark runs where there is no torch to compare with, and says so."""
+"""The detector's latency benchmark runs without torch, and reports that it is missing."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""The gateway's benchmark runs, and says all that it should; how fast anything is, is no question here."""
+"""The gateway's benchmark runs and reports all of its figures; speed is not tested."""
 
 from __future__ import annotations
 

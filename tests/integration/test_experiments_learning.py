@@ -18,7 +18,7 @@ from pretouch.errors import Conflict, Malformed
 HUGE = 99.0
 
 
-def test_the_oracle_is_judged_by_the_offsets_that_it_did_not_choose_by() -> None:
+def test_the_oracle_is_scored_on_the_offsets_that_it_did_not_choose_by() -> None:
     # Even offsets (columns 0, 2) call candidate 0 the best, odd ones (1, 3) candidate 1.
     errors = [[1.0, 7.0, 1.0, 9.0], [6.0, 2.0, 4.0, 2.0], [50.0, 60.0, 70.0, 80.0]]
     assert oracle.oracle(errors, best=1) == pytest.approx(((7 + 9) / 2 + (6 + 4) / 2) / 2)

@@ -293,7 +293,7 @@ SLIGHT: dict[str, list[Scan]] = {
 
 
 @pytest.mark.parametrize("case", SLIGHT)
-def test_slight_evidence_leaves_much_uncertain(stub: RegistrarServiceStub, case: str) -> None:
+def test_few_samples_leave_a_wide_covariance(stub: RegistrarServiceStub, case: str) -> None:
     answer = both(stub, SLIGHT[case])
     sideways = np.sqrt(np.linalg.eigvalsh(answer.covariance[3:5, 3:5]))
     assert sideways.min() > 0.005

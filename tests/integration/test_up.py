@@ -1,4 +1,4 @@
-"""`pretouch up`: all four services come up, come back, and leave nothing behind."""
+"""`pretouch up`: all four services start, restart after a crash, and leave no process behind."""
 
 from __future__ import annotations
 

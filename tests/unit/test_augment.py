@@ -1,4 +1,4 @@
-"""What changes a view moves its rectangles with it and leaves their errors alone."""
+"""Augmentation transforms a view together with its rectangles, and keeps their errors."""
 
 import numpy as np
 from hypothesis import given

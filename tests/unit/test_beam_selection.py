@@ -1,4 +1,4 @@
-"""Beams that can have met the object are evidence, whatever the prior allows; those far away and repeats are not."""
+"""Beams that may have hit the object under the prior are kept; those far away and repeated ones are not."""
 
 from __future__ import annotations
 

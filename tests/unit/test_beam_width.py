@@ -1,4 +1,4 @@
-"""A wide beam that a client describes as a thin one is noticed and taken for what it is; a thin one stays thin."""
+"""A wide beam that is described as thin is detected; a thin one is not taken to be wide."""
 
 from dataclasses import replace
 

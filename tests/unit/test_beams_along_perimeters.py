@@ -1,4 +1,4 @@
-"""Paths over the ground along perimeters, and what scans along them leave, against plain arithmetic."""
+"""The paths of beams along perimeters, and the covariance after such scans, against plain numpy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""All four clients try again where it helps, give up where it does not, and raise the library's own errors."""
+"""All four clients retry where that helps, give up where it does not, and raise the library's own errors."""
 
 import dataclasses
 import socket

@@ -1,4 +1,4 @@
-"""Server-sent events come out whole, however the network cut the bytes."""
+"""Server-sent events are parsed correctly however the bytes are split."""
 
 from itertools import pairwise
 

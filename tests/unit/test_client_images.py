@@ -1,4 +1,4 @@
-"""Depth images and masks reach both wires as they are, whatever form the program has them in."""
+"""Depth images and masks are sent unchanged over REST and gRPC, from any form that a program may have them in."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What a robot program gets from `pretouch.client`, and what importing it costs."""
+"""The public names of `pretouch.client`, and the cost of importing it."""
 
 import inspect
 import subprocess

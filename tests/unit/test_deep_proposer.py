@@ -1,4 +1,4 @@
-"""Proposer `deep`, by a network whose answers are known."""
+"""Proposer `deep`, with a network of known outputs."""
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

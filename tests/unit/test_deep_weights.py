@@ -1,4 +1,4 @@
-"""Weights that cannot be used: `deep` is not ready and says why, the others go on."""
+"""With unusable weights `deep` is not ready and gives the reason; other proposers still work."""
 
 import subprocess
 import sys

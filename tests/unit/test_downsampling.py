@@ -1,4 +1,4 @@
-"""Images larger or finer than needed are cut and thinned, and the answer stays the same."""
+"""Images that are larger or finer than needed are cropped and downsampled, and the estimate hardly changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the network sees: heights and places in metres, whatever camera saw them; rectangles in the square's units."""
+"""The network's input: metric heights and places that do not depend on the camera; normalised rectangles."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A camera's noise is measured on the table of its own image: pixel by pixel, and what a whole patch has in common."""
+"""A camera's noise is measured on the table in its image: that of a pixel, and that common to a patch."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A wide beam's hypotheses: all calibrated on the same wall, and each nearer the nearest part the shorter its pulse."""
+"""The hypotheses about a wide beam: calibrated on the same wall; shorter pulses weight the nearest part more."""
 
 from typing import NamedTuple
 
@@ -165,10 +165,10 @@ def test_what_stands_beside_the_object_is_in_the_spot_too() -> None:
 
 def test_a_thin_beam_has_no_hypotheses() -> None:
     assert len(make_thin_beam().scales) == len(make_thin_beam().length) == 0
-    assert not pose_problem_is_wide(0.0)
-    assert pose_problem_is_wide(HALF_ANGLE)
+    assert not is_problem_wide(0.0)
+    assert is_problem_wide(HALF_ANGLE)
 
 
-def pose_problem_is_wide(half_angle: float) -> bool:
+def is_problem_wide(half_angle: float) -> bool:
     model = camera_model.build(World((Box.standing((0.10, 0.08, TOP)),)).scene())
     return build_problem(model, [], Prior(), Sensor(beam_half_angle=half_angle)).wide

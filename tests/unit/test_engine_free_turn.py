@@ -1,4 +1,4 @@
-"""How far a round thing is turned nothing tells: the prior about its axis stays, whatever the samples seem to say."""
+"""The rotation of a symmetric object about its axis is not observable, and keeps the prior's uncertainty."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Importance sampling: the moments of a density that its proposals hardly resemble."""
+"""Importance sampling finds the moments of a density that differs much from its proposals."""
 
 import numpy as np
 import pytest

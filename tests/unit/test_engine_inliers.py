@@ -1,4 +1,4 @@
-"""Samples at the truth agree; those that cannot be where they are contradict, and what may be hidden does neither."""
+"""Samples at the true pose are inliers; impossible ones contradict it; those on hidden surfaces do neither."""
 
 import numpy as np
 import pytest
@@ -44,8 +44,8 @@ def within_table(rng: np.random.Generator, count: int = 15) -> Array:
     return np.asarray(rng.uniform((-0.03, 0.08), (0.03, 0.1), (count, 2)))
 
 
-def neither(verdict: Classification) -> Array:
-    return np.asarray(~verdict.inlier & ~verdict.contradicting)
+def neither(classification: Classification) -> Array:
+    return np.asarray(~classification.inlier & ~classification.contradicting)
 
 
 @BOTH
@@ -56,10 +56,10 @@ def test_what_is_measured_at_the_truth_agrees(block: CameraModel, half_angle: fl
     xy = np.concatenate([within_top(rng), within_table(rng)])
     noise = rng.normal(0, 0.001, len(xy)).clip(-0.002, 0.002)
     ranges = np.where(np.arange(len(xy)) < 15, 0.045, 0.085) + noise
-    verdict = classify_samples(AT_TRUTH, problem_of(block, xy, ranges, half_angle))
-    assert verdict.inlier.all()
-    assert not verdict.contradicting.any()
-    np.testing.assert_allclose(verdict.residuals, -noise if half_angle == 0 else noise, atol=0.0025)
+    classification = classify_samples(AT_TRUTH, problem_of(block, xy, ranges, half_angle))
+    assert classification.inlier.all()
+    assert not classification.contradicting.any()
+    np.testing.assert_allclose(classification.residuals, -noise if half_angle == 0 else noise, atol=0.0025)
 
 
 @BOTH
@@ -69,9 +69,9 @@ def test_what_would_lie_inside_the_seen_object_contradicts(
     block: CameraModel, half_angle: float, seed: int, depth: float
 ) -> None:
     xy = within_top(np.random.default_rng(seed))
-    verdict = classify_samples(AT_TRUTH, problem_of(block, xy, np.full(15, 0.045 + depth), half_angle))
-    assert verdict.contradicting.all()
-    assert not verdict.inlier.any()
+    classification = classify_samples(AT_TRUTH, problem_of(block, xy, np.full(15, 0.045 + depth), half_angle))
+    assert classification.contradicting.all()
+    assert not classification.inlier.any()
 
 
 @BOTH
@@ -82,11 +82,11 @@ def test_what_would_hang_in_the_air_where_the_camera_looked_through_contradicts(
 ) -> None:
     rng = np.random.default_rng(seed)
     xy = within_table(rng) if table else within_top(rng)
-    verdict = classify_samples(
+    classification = classify_samples(
         AT_TRUTH, problem_of(block, xy, np.full(15, (0.085 if table else 0.045) - rise), half_angle)
     )
-    assert verdict.contradicting.all()
-    assert not verdict.inlier.any()
+    assert classification.contradicting.all()
+    assert not classification.inlier.any()
 
 
 @BOTH
@@ -95,11 +95,11 @@ def test_a_miss_contradicts_where_something_was_seen_within_range_and_nowhere_el
 ) -> None:
     none = np.full(15, np.nan)
     over_the_block = within_top(np.random.default_rng(0))
-    verdict = classify_samples(AT_TRUTH, problem_of(block, over_the_block, none, half_angle, height=0.07))
-    assert verdict.contradicting.all()
+    classification = classify_samples(AT_TRUTH, problem_of(block, over_the_block, none, half_angle, height=0.07))
+    assert classification.contradicting.all()
     high = classify_samples(AT_TRUTH, problem_of(block, over_the_block, none, half_angle, height=0.25))
     assert neither(high).all()
-    for one in (verdict, high):
+    for one in (classification, high):
         assert not one.inlier.any()
         assert not one.residuals.any()
 
@@ -131,7 +131,9 @@ def test_a_correction_carries_the_samples_back_to_where_they_agree(
 @BOTH
 @settings(max_examples=25)
 @given(seed=seeds)
-def test_a_verdict_is_each_samples_own_and_never_both(block: CameraModel, half_angle: float, seed: int) -> None:
+def test_each_sample_is_classified_by_itself_and_never_as_both(
+    block: CameraModel, half_angle: float, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     xy = rng.uniform(-0.09, 0.09, (40, 2))
     ranges = np.where(rng.random(40) < 0.2, np.nan, rng.uniform(0.02, 0.1, 40))

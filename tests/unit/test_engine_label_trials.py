@@ -1,4 +1,4 @@
-"""Scores of many scans at once: right, the same on any number of threads, and pruning changes no winner."""
+"""Scores of many trials: correct, independent of the number of threads, and with the same winner when pruned."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The grid finds exactly the neighbours that a k-d tree finds, through any sequence of moves."""
+"""The grid finds the same neighbours as a k-d tree, through any sequence of moves."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What samples that share an error are worth: never more than the shared error allows, however they are split."""
+"""The effective number of samples that share an error is bounded, however the samples are split."""
 
 import numpy as np
 import pytest
@@ -27,33 +27,33 @@ def samples(seed: int, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
 
 
 @given(errors)
-def test_more_samples_of_a_patch_are_worth_more_up_to_a_bound(error: SharedError) -> None:
-    worth = error.worth(np.array([0.0, 1.0, 2.0, 5.0, 30.0, 1e9]))
-    assert worth[0] == 0
-    assert worth[1] == pytest.approx(1)
-    assert (np.diff(worth) > 0).all()
+def test_the_effective_number_of_a_patch_grows_up_to_a_bound(error: SharedError) -> None:
+    effective = error.count_effective(np.array([0.0, 1.0, 2.0, 5.0, 30.0, 1e9]))
+    assert effective[0] == 0
+    assert effective[1] == pytest.approx(1)
+    assert (np.diff(effective) > 0).all()
     bound = 1 + error.own**2 / error.common**2
-    assert (worth <= bound * (1 + 1e-12)).all()
-    assert worth[-1] == pytest.approx(bound, rel=1e-3)
+    assert (effective <= bound * (1 + 1e-12)).all()
+    assert effective[-1] == pytest.approx(bound, rel=1e-3)
 
 
-def test_worth_is_the_variance_that_averaging_leaves() -> None:
+def test_the_effective_number_is_that_of_the_variance_of_the_mean() -> None:
     error = SharedError(own=0.002, common=0.001, patch=0.01)
     rng = np.random.default_rng(0)
     means = rng.normal(0, error.common, 20_000) + rng.normal(0, error.own, (7, 20_000)).mean(axis=0)
     single = error.own**2 + error.common**2
-    assert single / means.var() == pytest.approx(error.effective_count(np.array([7.0]))[0], rel=0.05)
+    assert single / means.var() == pytest.approx(error.count_effective(np.array([7.0]))[0], rel=0.05)
 
 
 @given(seeds, st.integers(1, 300), errors)
-def test_all_samples_of_a_patch_weigh_the_same_and_their_sum_is_what_the_patches_are_worth(
+def test_all_samples_of_a_patch_weigh_the_same_and_their_sum_is_the_effective_number(
     seed: int, count: int, error: SharedError
 ) -> None:
     points, directions, returned = samples(seed, count)
     weights = compute_sample_weights(points, directions, returned, error)
     patches = find_patches(points, directions, returned, error)
     assert patches.counts.sum() == count
-    assert weights.sum() == pytest.approx(error.worth(patches.counts).sum())
+    assert weights.sum() == pytest.approx(error.count_effective(patches.counts).sum())
     assert ((weights > 0) & (weights <= 1 + 1e-12)).all()
     cells = np.floor(points[returned] / error.patch)
     for cell in np.unique(cells, axis=0):

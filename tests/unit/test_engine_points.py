@@ -1,4 +1,4 @@
-"""The point-cloud engines: they match what they should, and say little where they know little."""
+"""The engines that match points find the pose, and state a wide covariance where samples do not determine it."""
 
 import numpy as np
 import pytest
@@ -131,7 +131,7 @@ def test_map_predicts_that_another_scan_tells_more(scene: Scene) -> None:
 
 @pytest.mark.parametrize("engine", POINT_ENGINES)
 @pytest.mark.parametrize("case", ["all misses", "two points", "a line", "one place", "half a metre away", "no object"])
-def test_evidence_that_fixes_no_pose_leaves_the_prior_or_a_wide_covariance(
+def test_samples_that_determine_no_pose_leave_the_prior_or_a_wide_covariance(
     scene: Scene, engine: Engine, case: str
 ) -> None:
     down = np.array([0.0, 0.0, -1.0])

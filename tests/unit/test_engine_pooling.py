@@ -1,4 +1,4 @@
-"""A wide beam's samples from about the same place are matched as one: nothing is lost but noise."""
+"""Pooling a wide beam's samples from about the same place reduces noise and keeps the information."""
 
 import numpy as np
 import pytest

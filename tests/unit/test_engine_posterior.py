@@ -1,4 +1,4 @@
-"""The parts of engine `posterior`, each against what is known exactly, and what it says where two places agree."""
+"""The parts of engine `posterior` against exact results, and its modes where two poses explain the samples."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""After the warm-up no request compiles anything, whatever its engine."""
+"""After the warm-up no request compiles a kernel, whatever its engine."""
 
 import importlib
 import pkgutil

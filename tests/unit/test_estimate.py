@@ -1,4 +1,4 @@
-"""An estimate checks its modes and its fit."""
+"""An estimate validates its modes and its fit."""
 
 from __future__ import annotations
 

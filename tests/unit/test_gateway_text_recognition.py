@@ -67,7 +67,7 @@ def test_every_format_is_recognised_behind_half_a_line_or_a_boot_loader_and_lose
 
 
 @pytest.mark.parametrize("name", DEVICES)
-def test_nothing_is_known_or_sent_before_the_evidence_is_complete(name: str) -> None:
+def test_nothing_is_known_or_sent_before_the_format_is_certain(name: str) -> None:
     recognition = AutoDetectingParser()
     data = end(name) + DEVICES[name]
     assert recognition.feed(data[:-2]) == []  # "\r" already ends the last line

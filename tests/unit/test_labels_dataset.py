@@ -1,4 +1,4 @@
-"""What is written to a dataset is read back; what is damaged, of another version or of another recipe is refused."""
+"""Datasets are read back as written; damaged ones, and those of another version or recipe, are refused."""
 
 import json
 import tempfile

@@ -1,4 +1,4 @@
-"""Labels of a view: what is scored and kept, meshes of any make, and the page that shows a dataset."""
+"""Labels of a view: which rectangles are scored and kept; meshes of any origin; the page that shows a dataset."""
 
 from dataclasses import replace
 from io import StringIO

@@ -1,4 +1,4 @@
-"""What is labelled: every object before any again, each on one side; and depth frames of one's own."""
+"""The order of labelling tasks, the split into sides, and depth frames of other folders."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A session, driven in memory against a finger that scans the true world and services that answer by formula."""
+"""A session in memory, against a finger that scans the true world and services that answer by formula."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def test_the_tolerances_own_confidence_decides() -> None:
             assert opened(loop, asked(prior=prior, tolerance=tolerance)).state is state
 
 
-def test_all_misses_are_a_scan_and_evidence() -> None:
+def test_a_scan_of_misses_counts_as_a_scan() -> None:
     loop = Loop(RandomDetector(), FormulaRegistrar())
     record = answer(loop, opened(loop, asked()), misses(30))
     assert record.state is State.AWAITING_SCAN
@@ -180,7 +180,7 @@ def test_a_scan_that_took_longer_than_planned_costs_what_it_took() -> None:
     assert record.budget_used.seconds == record.scans[0].duration == 60.0
 
 
-def test_a_skipped_scan_is_neither_scan_nor_evidence_and_its_region_is_not_planned_again() -> None:
+def test_a_skipped_scan_neither_counts_nor_changes_the_estimate_and_its_region_is_not_planned_again() -> None:
     loop = Loop(RandomDetector(count=4), FormulaRegistrar())
     record = opened(loop, asked())
     first = record

@@ -1,4 +1,4 @@
-"""A session converges only on samples that its answer explains, and says why it ended if it did not converge."""
+"""A session converges only if its estimate explains the samples, and otherwise ends with a reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a client sends in whatever order, a session's rules hold."""
+"""The invariants of a session hold for any sequence of submissions."""
 
 from __future__ import annotations
 

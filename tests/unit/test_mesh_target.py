@@ -1,4 +1,4 @@
-"""A known shape as the target: drawn exactly, refused when it cannot be one, and matched at least as well as a view."""
+"""A mesh as the target: rendered exactly, refused if invalid, and registered at least as well as a view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Running moments, their axes and the sort behind them, against numpy."""
+"""Running moments, their axes and the sort, against numpy."""
 
 import numpy as np
 import pytest

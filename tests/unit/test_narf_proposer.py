@@ -1,4 +1,4 @@
-"""Proposer `narf`: a rectangle about each keypoint by the paper's rule, nothing left to chance."""
+"""Proposer `narf`: a rectangle about each keypoint by the paper's rule, deterministically."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""NARF's stages on a box that is seen exactly: borders, interest, descriptors say what the box looks like."""
+"""NARF's stages on an exact view of a box: borders, interest and descriptors match its shape."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The directions still free: the numbers that they claim, and words that name the right axis."""
+"""Weakly observable directions: their standard deviations, and texts that name the right axis."""
 
 from __future__ import annotations
 

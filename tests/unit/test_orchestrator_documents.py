@@ -1,4 +1,4 @@
-"""The REST documents as described are those that the wire module reads and writes; JSON is read strictly."""
+"""The described REST documents are those that the wire module reads and writes; JSON is parsed strictly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps of one session that overlap: each starts from what the one before left."""
+"""Overlapping steps of one session: each starts from the record that the one before stored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Common area and intersection over union of rotated rectangles: beside shapely's, and what must hold of any."""
+"""Common area and intersection over union of rotated rectangles, against shapely and by their invariants."""
 
 import numpy as np
 import pytest

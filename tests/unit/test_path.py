@@ -1,4 +1,4 @@
-"""The fingertip's path keeps its distance, its speed and its orientation, and goes where a scan tells something."""
+"""The fingertip's path keeps its distance, speed and orientation, and covers the object."""
 
 from __future__ import annotations
 

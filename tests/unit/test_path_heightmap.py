@@ -1,4 +1,4 @@
-"""The believed surface holds what the camera saw and bounds what it could not have seen."""
+"""The believed surface contains what the camera saw, and bounds what it could not see."""
 
 from __future__ import annotations
 

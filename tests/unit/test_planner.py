@@ -1,4 +1,4 @@
-"""The next region is the one that tells most, or the proposer's favourite, among those that fit the budget."""
+"""The next region is the most informative one, or the proposer's favourite, among those within the budget."""
 
 from __future__ import annotations
 

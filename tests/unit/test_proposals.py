@@ -1,4 +1,4 @@
-"""Proposed regions keep the paper's rules, repeat by seed, and differ from each other."""
+"""Proposed regions follow the paper's rules, are reproducible by seed, and differ from each other."""
 
 import subprocess
 import sys

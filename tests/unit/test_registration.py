@@ -1,4 +1,4 @@
-"""The registrar on exact boxes: it finds the calibration error, says how sure it is, and is not sure without reason."""
+"""The registrar on exact boxes: it finds the calibration error, with a covariance of the right size."""
 
 import numpy as np
 import pytest
@@ -124,7 +124,7 @@ def test_a_scan_of_the_flat_top_alone_leaves_the_horizontal_free_and_says_so(sce
 
 @pytest.mark.parametrize("engine", list(Engine))
 @pytest.mark.parametrize("case", ["misses", "one point", "a line", "far away", "duplicates"])
-def test_poor_evidence_gives_a_wide_covariance(scene: Scene, engine: Engine, case: str) -> None:
+def test_poor_samples_give_a_wide_covariance(scene: Scene, engine: Engine, case: str) -> None:
     down = np.array([0.0, 0.0, -1.0])
     centre = scene.centroid
     points = {

@@ -1,4 +1,4 @@
-"""No answer is less sure than the prior was, whatever the evidence: good, poor, absurd or contradictory."""
+"""No estimate is less certain than the prior, whether samples are good, few, absurd or contradictory."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def widest(answer: Estimate, prior: Prior) -> float:
     return float(np.linalg.eigvalsh(answer.covariance * np.outer(scale, scale)).max())
 
 
-def evidence(case: str, scene: Scene, sensor: Sensor) -> list[Scan]:
+def make_scans(case: str, scene: Scene, sensor: Sensor) -> list[Scan]:
     rng = np.random.default_rng(7)
     across = [line((-0.08, -0.01), (0.08, 0.01)), line((0.01, -0.08), (-0.01, 0.08))]
 
@@ -66,9 +66,9 @@ CASES += [(case, prior) for case in ("one scan", "another object", "a stuck sens
 
 @pytest.mark.parametrize("half_angle", [0.0, HALF_ANGLE], ids=["thin", "wide"])
 @pytest.mark.parametrize(("case", "prior"), CASES)
-def test_no_evidence_leaves_more_uncertain_than_the_prior_was(case: str, prior: Prior, half_angle: float) -> None:
+def test_no_samples_leave_more_uncertain_than_the_prior(case: str, prior: Prior, half_angle: float) -> None:
     scene, _, settings = session(half_angle)
-    scans = evidence(case, scene, settings.sensor)
+    scans = make_scans(case, scene, settings.sensor)
     answer = REGISTRAR.register(scene, scans, Settings(prior=prior, sensor=settings.sensor))
     assert np.isfinite(answer.covariance).all()
     np.testing.assert_allclose(answer.covariance, answer.covariance.T, atol=1e-15)

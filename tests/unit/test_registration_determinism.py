@@ -1,4 +1,4 @@
-"""The same samples give the same answer to the last bit, however they come and whoever is asked."""
+"""The same samples give the same estimate to the bit, in any order and on any number of threads."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Table that the object hides from the camera, and a finger finds there, is no evidence of a wrong pose.
+"""Table that the object hides from the camera, and a finger finds there, does not contradict the pose.
 
 Most scans run on beyond the object, whose far side the camera cannot see: where it stands to the left, what lies to the
 right in the shadow. Every return from there costs at the truth; together they must not outweigh all others.

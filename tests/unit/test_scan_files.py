@@ -1,4 +1,4 @@
-"""Files of points as other tools write them: read to the number, or refused with what to do."""
+"""Point files of other tools: read exactly, or refused with a remedy."""
 
 from __future__ import annotations
 

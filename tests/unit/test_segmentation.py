@@ -1,4 +1,4 @@
-"""The object and its table are found in a depth image, or the client is told what to send."""
+"""Object and table are segmented in a depth image, or the error says what the client can send."""
 
 from __future__ import annotations
 

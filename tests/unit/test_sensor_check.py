@@ -1,4 +1,4 @@
-"""A module that measures nothing is told from one that measures, with the numbers that say so."""
+"""Modules that measure nothing are diagnosed, with the numbers; working ones are not."""
 
 from __future__ import annotations
 

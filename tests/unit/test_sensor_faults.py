@@ -1,4 +1,4 @@
-"""A session whose fingertip measures nothing says so, and leaves the pose as it was; a sound one is never doubted."""
+"""A session whose fingertip measures nothing reports it and keeps the pose; a sound fingertip raises no false alarm."""
 
 from __future__ import annotations
 
@@ -101,10 +101,10 @@ def test_a_finger_that_breaks_leaves_what_earlier_scans_said_and_one_that_is_men
     assert broken.estimate.sensor_problem
     assert broken.state is State.AWAITING_SCAN
     assert broken.estimate.base_T_correction.is_close(good.estimate.base_T_correction)
-    assert broken.evidence == good.evidence
+    assert broken.registrable_scans == good.registrable_scans
     mended = scanned(broken, SOUND)
     assert not mended.estimate.sensor_problem
-    assert len(mended.evidence) == 2
+    assert len(mended.registrable_scans) == 2
     assert mended.estimate.samples > good.estimate.samples
 
 

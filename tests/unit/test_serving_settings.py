@@ -1,4 +1,4 @@
-"""Settings and addresses that cannot be are refused with a remedy."""
+"""Invalid settings and addresses are refused with a remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated cameras err as those of their kind do, and each draws its errors from a seed alone."""
+"""The simulated cameras have the errors of their kind, drawn from a seed alone."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""`pretouch evaluate` refuses what does not go together before it begins."""
+"""`pretouch evaluate` refuses incompatible options before it starts."""
 
 from pathlib import Path
 

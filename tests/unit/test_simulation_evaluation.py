@@ -1,4 +1,4 @@
-"""An evaluation keeps what is done, goes on from there, and says in its tables what the runs came to."""
+"""An evaluation saves finished runs, resumes from them, and summarises the runs in its tables."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Two engines by object: which one loses where."""
+"""Two engines compared by object."""
 
 from helpers.made_runs import KEY, run_of
 from pretouch_simulation.evaluation_comparison import compare_engines, comparison_table

@@ -1,4 +1,4 @@
-"""The tables of an evaluation say what the runs came to, and whether the estimates deserved to be believed."""
+"""The tables of an evaluation: errors, and whether the covariances were honest."""
 
 from dataclasses import replace
 from io import StringIO

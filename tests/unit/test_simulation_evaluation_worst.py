@@ -1,4 +1,4 @@
-"""The worst runs are found, and the numbers that explain them are those of the truth."""
+"""The worst runs of an evaluation, with the numbers that explain them."""
 
 from dataclasses import replace
 from pathlib import Path

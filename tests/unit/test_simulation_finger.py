@@ -1,4 +1,4 @@
-"""The simulated fingertip has the noise, range and status codes that it is said to have."""
+"""The simulated fingertip has the stated noise, range and status codes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The cone and the random finger: calibrated on a wall, drawn to the near side of a step, honest only as users are."""
+"""The cone and the random finger: calibrated on a wall, biased to the near side of a step, described approximately."""
 
 from collections.abc import Callable
 from dataclasses import replace

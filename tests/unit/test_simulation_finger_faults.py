@@ -1,4 +1,4 @@
-"""Broken fingers report what their faults say, and still state the sensor that they should be."""
+"""Broken fingers report what their fault implies, and are still described as sound ones."""
 
 from collections.abc import Callable
 

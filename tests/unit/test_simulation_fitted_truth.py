@@ -1,4 +1,4 @@
-"""The fit of a real frame finds what the depth is biased by, and leaves alone what the shape leaves free."""
+"""The fit of a real frame finds the bias of its depth, and keeps unobservable directions."""
 
 import os
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Real frames are read, put upright and given a hidden error; what is wrong with a file is said."""
+"""Real frames are read, levelled and given a hidden error; errors in a file are reported."""
 
 import json
 import os

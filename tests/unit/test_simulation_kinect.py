@@ -1,4 +1,4 @@
-"""The simulated depth camera sees what geometry says, with the noise of the published model."""
+"""The simulated depth camera follows the geometry, with the noise of the published model."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The demo's picture and report hold what they promise, for sessions of any length."""
+"""The demo's picture and report are complete, for sessions of any length."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The evaluation protocol hides the offset it says, repeats to the bit, and scores as it says."""
+"""The evaluation protocol applies the stated offset, repeats to the bit, and scores as documented."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Rays in the simulated world agree with what geometry says; meshes and world files are refused with a reason."""
+"""Rays in the simulated world agree with the geometry; invalid meshes and world files are refused with a reason."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What a depth camera makes up in mid-air is not believed; what stands on something is."""
+"""Artefacts of a depth camera in mid-air are removed; what stands on something is kept."""
 
 import numpy as np
 from pretouch_orchestrator.perception.clusters import find_specks

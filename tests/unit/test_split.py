@@ -1,4 +1,4 @@
-"""Meshes fall on two sides by the object they show, the same ones everywhere."""
+"""Meshes are split by the object that they show, in the same way everywhere."""
 
 from collections import Counter
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Proposer `stability` predicts what a scan is worth: surfaces, edges, the table, and what the sensor cannot reach."""
+"""Proposer `stability` predicts the information of a scan: surfaces, edges, the table, and the sensor's range."""
 
 import numpy as np
 import pytest

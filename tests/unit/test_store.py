@@ -1,4 +1,4 @@
-"""The store gives back what it was given, to the bit; it starts from any older file and refuses a newer one."""
+"""The store returns records to the bit; it migrates any older file and refuses a newer one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Greedy suppression: the better of two regions that overlap much stays, decided exactly."""
+"""Non-maximum suppression: of two regions that overlap much the better one stays, decided exactly."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is learned of a labelled view: its trials' mean, or the worst; what is unknown stays so."""
+"""The training targets of a labelled view: the mean or the worst of its trials; unknown values stay NaN."""
 
 from pathlib import Path
 

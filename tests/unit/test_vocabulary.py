@@ -6,7 +6,21 @@ from collections.abc import Iterator
 
 from helpers.sources import ROOT, sources
 
-RETIRED = ("foretell", "foretold", "foresee", "foreseen", "foresight", "kit", "tally", "succession", "utils", "misc")
+RETIRED = (
+    "foretell",
+    "foretold",
+    "foresee",
+    "foreseen",
+    "foresight",
+    "kit",
+    "tally",
+    "succession",
+    "utils",
+    "misc",
+    "evidence",
+    "judged",
+    "verdict",
+)
 NAME = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 

@@ -1,4 +1,4 @@
-"""Requests, sessions and scans come out of JSON and out of protobuf as they went in, the same on both wires."""
+"""Requests, sessions and scans round-trip through JSON and protobuf."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""The area that rotated rectangles have in common, exactly; all as [x, y, w, h, theta], compiled."""
+"""The exact common area of rotated rectangles [x, y, w, h, theta], compiled."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def common_area(first: Array, second: Array) -> float:
     The common area is the integral of an indicator, 1 in the second rectangle, over the first. By Green's theorem that
     is the integral of clamp(x, -W/2, W/2) + W/2 over dy along those parts of the first one's edges with |y| <= H/2, in
     the axes of the second, which is W wide and H high. Along an edge the integrand is piecewise linear, so the
-    trapezoids between its bends are exact. Nothing depends on which corner is inside what, so that edges which coincide
-    are no special case.
+    trapezoids between its bends are exact. Coinciding edges are no special case, since nothing depends on which corner
+    is inside the other rectangle.
     """
     x, y, w, h, theta = first
     middle_x, middle_y, width, height, axis = second

@@ -1,4 +1,4 @@
-"""Starts the detector: network read, kernels warm, servicer registered."""
+"""Starts the detector: loads the network, warms the kernels up, and registers the servicer."""
 
 from __future__ import annotations
 

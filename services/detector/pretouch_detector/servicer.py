@@ -1,4 +1,4 @@
-"""The detector over gRPC: unpacks, computes off the event loop, packs."""
+"""The detector over gRPC: decodes requests, computes in threads, encodes responses."""
 
 from __future__ import annotations
 

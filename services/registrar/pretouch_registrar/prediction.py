@@ -13,7 +13,7 @@ from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 from pretouch_registrar.engines.laplace import make_curvature_draws, update_covariance
 from pretouch_registrar.engines.objective import assume_likeliest_hypothesis
-from pretouch_registrar.engines.registration_problem import Beams, RegistrationProblem, collect_beams, patches_among
+from pretouch_registrar.engines.registration_problem import Beams, RegistrationProblem, collect_beams, find_beam_patches
 from pretouch_registrar.ray_casting import cast_rays
 
 _TRUTHS, _TRUTHS_AFTER = 12, 8
@@ -40,7 +40,7 @@ def predict_covariance(
     ranges = cast_rays(problem, np.concatenate([x[None], truths]), origins, directions, sensor.range_min)
     expected, *returned = np.where(ranges <= sensor.range_max, ranges, np.nan)
     samples = max(path.duration * sensor.rate * len(sensor.tip_T_module) / len(origins), 1.0)
-    earlier = patches_among(problem.beams, problem.shared)
+    earlier = find_beam_patches(problem.beams, problem.shared)
     weights = collect_beams([Scan(origins, directions, expected)], problem.shared, samples, earlier).weights
     seen = collect_beams([Scan(origins, directions, each) for each in returned], problem.shared)
     beams = seen._replace(weights=np.tile(weights, len(truths)))

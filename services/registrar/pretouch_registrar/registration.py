@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pretouch.estimate import Estimate, Mode, Prior, from_prior, point_error
+from pretouch.estimate import MIN_FIT, Estimate, Mode, Prior, from_prior, point_error
 from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
@@ -31,8 +31,6 @@ _MAX_MODELS, _MAX_SOLUTIONS = 32, 64
 """Results that a registrar caches."""
 _MAX_PRIOR_SIGMAS = 2.6
 """Standard deviations of the prior, per component, beyond which a correction contradicts it."""
-_MIN_FIT = 0.01
-"""p-value of the samples under the solution below which it is mixed with the prior."""
 
 
 @dataclass(frozen=True)
@@ -124,11 +122,11 @@ class Registrar:
 def _mix_with_prior(solution: Solution, prior: Prior) -> Solution:
     """The solution, mixed with the prior if it does not explain the samples.
 
-    Below a p-value of _MIN_FIT the prior's share grows as the fit gets worse. If the solution contradicts the prior,
+    Below a p-value of MIN_FIT the prior's share grows as the fit gets worse. If the solution contradicts the prior,
     one of the two is wrong, and the prior is returned. In no direction is the covariance wider than the prior's.
     """
     sigmas = np.abs(solution.x) / np.sqrt(np.diag(prior.covariance()))
-    share = 1.0 if sigmas.max() > _MAX_PRIOR_SIGMAS else max(0.0, 1.0 - solution.fit / _MIN_FIT)
+    share = 1.0 if sigmas.max() > _MAX_PRIOR_SIGMAS else max(0.0, 1.0 - solution.fit / MIN_FIT)
     mean = (1.0 - share) * solution.x
     between = share * (1.0 - share) * np.outer(solution.x, solution.x)
     covariance = (1.0 - share) * solution.covariance + share * prior.covariance() + between

@@ -1,9 +1,9 @@
 """The network: the error that a scan of any rectangle's perimeter would leave.
 
 The network corrects the `analytic` error that proposer `stability` computes. Features are sampled along the perimeter
-only, where the finger would go. A small network reads each point with its neighbours and answers along which
-directions, and how well, a beam there constrains the place of what it hits. The beams' information about the pose adds
-up as J^T J (Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003). From the posterior variances,
+only, where the finger would go. From each point and its neighbours, a small network infers along which directions, and
+how precisely, a beam there constrains the surface that it hits. The beams' information about the pose adds up as J^T J
+(Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm", 2003). From the posterior variances,
 features of the perimeter and features of the whole image a last network predicts the correction.
 """
 

@@ -1,6 +1,6 @@
 """The trained network in `weights/`: checked when it is read, run by onnxruntime.
 
-It is two files: `scorer.onnx`, and `scorer.json`, which says what the network reads:
+It consists of `scorer.onnx` and of `scorer.json`, which describes the network's input:
 
     {"format": 1, "channels": ["height", ...], "size": 128, ...}
 """

@@ -1,7 +1,7 @@
 """Proposer `deep`: random candidates ranked by the pose error that a trained network predicts for each.
 
-The network looks at the scene once, then along the perimeters, and corrects what proposer `stability` works out. It is
-not run on candidates that `stability` rates poorly: it seldom rates them better, and each one takes time.
+The network encodes the scene once, then evaluates each perimeter and corrects the error that proposer `stability`
+computes. It skips candidates that `stability` ranks low: it seldom ranks them higher, and each one takes time.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from pretouch_detector.suppression import suppress_overlapping
 
 WEIGHTS = Weights(FOLDER)
 _MARGIN = 0.13
-"""m around the object that the network may see: about what a session's view has, on which it was trained."""
+"""m around the object that the network sees: about the margin of a session's view, on which it was trained."""
 _CANDIDATES, _EVALUATED = 480, 240
-"""How many are drawn, and how many of the best by `stability` the network evaluates; never fewer than wanted."""
+"""How many candidates are drawn, and how many of the best by `stability` the network evaluates, at least."""
 
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:

@@ -58,7 +58,7 @@ def mean_square(
 
 @njit(cache=True, nogil=True)
 def _met(path: Array, shift: Array, grid: Grid, met: NDArray[np.int64]) -> None:
-    """Fills `met` (b,) with the number of the cell that each beam at path (b, 2), m, meets of a world so displaced."""
+    """Fills `met` (b,) with the index of the cell that each beam of a path (b, 2), m, hits after the displacement."""
     corner, cell, (nx, ny) = grid
     cosine, sine = np.cos(shift[2]) / cell, np.sin(shift[2]) / cell
     first = 0.5 - cosine * shift[0] - sine * shift[1] - corner[0] / cell
@@ -72,7 +72,7 @@ def _met(path: Array, shift: Array, grid: Grid, met: NDArray[np.int64]) -> None:
 
 @njit(cache=True, nogil=True)
 def _trace_of_inverse(matrix: Array, lever: Array) -> float:
-    """trace(lever^T matrix^-1 lever) of a positive definite matrix (6, 6), by Cholesky; its lower triangle is used up.
+    """trace(lever^T matrix^-1 lever) of a positive definite matrix (6, 6); its lower triangle is overwritten.
 
     With matrix = L L^T it is the sum of the squares of L^-1 lever.
     """

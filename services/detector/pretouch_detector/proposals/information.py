@@ -1,13 +1,13 @@
-"""The information about the pose that a scan along a perimeter would give: linearised, from the view alone.
+"""The linearised information about the pose that a scan along a perimeter would give, from the view alone.
 
 The beam is along the table's normal. Where it meets a surface of height z(x, y) above the table, a small motion of the
 world changes its range by n . (w x p + d), n = (-dz/dx, -dz/dy, 1): each beam is one row of information about (w, d),
 after Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm" (2003). The table counts like the object,
 since they move as one: it constrains height and tilt. An edge (silhouette, step or crease) is where the slope is steep
 or changes: it constrains the pose across the edge, as precisely as the camera located the edge. Beams that would end
-beyond the sensor's range only tell where the object ends.
+beyond the sensor's range only show where the object ends.
 
-Since the camera is miscalibrated, a scan does not meet exactly what its perimeter shows. The covariance after the scan
+Since the camera is miscalibrated, a scan does not hit exactly what its perimeter shows. The covariance after the scan
 is therefore averaged over the displacements that the calibration prior allows.
 """
 
@@ -31,13 +31,13 @@ _PLACE_STD = 0.006
 _SMOOTHING = 0.0075
 """m: the length over which slopes are computed."""
 _STEEP = 0.3
-"""Slope above which a beam counts although it may miss: it still tells where the object ends."""
+"""Slope above which a beam counts although it may miss: it still shows where the object ends."""
 _BEAMS = 30
-"""Beams that are evaluated for each candidate, evenly along its path."""
+"""Beams that are evaluated for each candidate, evenly spaced along its path."""
 _INDEPENDENT, _INDEPENDENT_LENGTH, _INDEPENDENT_POWER = 12.0, 0.2, 0.3
-"""Independent beams on a path of 0.2 m, and how their number grows with the length: neighbours share errors."""
+"""Effective number of beams on a path of 0.2 m, and the power of the length by which it grows."""
 _CLEARANCE, _CLEARED = 0.055, 0.03
-"""m that the tip is above the highest point, within so many metres of the beam."""
+"""m: the tip's height above the highest point within the radius _CLEARED, m, of the beam."""
 _RINGS, _HEADINGS = (0.6, 1.5), 8
 _DISPLACED = np.array(
     [
@@ -90,7 +90,7 @@ def _rows(seen: Relief, sensor: Sensor) -> Array:
     reached = ndimage.gaussian_filter(np.maximum(seen.height, deepest), _SMOOTHING / seen.grid.cell)
     slope_x, slope_y = np.gradient(reached, seen.grid.cell)
     squared = slope_x**2 + slope_y**2
-    spot = 0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle) / 2
+    spot = sensor.spot_radius / 2
     variance = _HEIGHT_STD**2 + sensor.range_std**2 + (_PLACE_STD**2 + spot**2) * squared
     informative = seen.known & ((seen.height >= deepest) | (squared > _STEEP**2))
     x, y = (seen.grid.corner[k] + seen.grid.cell * np.arange(n) for k, n in enumerate(seen.grid.shape))

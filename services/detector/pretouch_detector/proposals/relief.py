@@ -1,4 +1,4 @@
-"""A view seen from above the table, as a beam along the table's normal meets it."""
+"""A height map of the view, as beams along the table's normal hit it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CELL = 0.003
 _MAX_CELLS = 160
 """Along one side; a larger object gets larger cells."""
 _MOST_PIXELS = 100_000
-"""A larger view is subsampled: every second pixel in each direction, or every third, and so on."""
+"""A larger view is subsampled by an integer step."""
 _CLOSING = 2
 """Cells: narrower gaps between pixels' points are closed."""
 

@@ -1,4 +1,4 @@
-"""`pretouch train`: teaches the network where to sense."""
+"""`pretouch train`: trains the network of proposer `deep`."""
 
 from __future__ import annotations
 

@@ -51,8 +51,8 @@ class Example:
         sensor: what is stated of the finger that was simulated; only its ranges, noise and beam are kept.
         rectangles: (r, 5) as [x, y, w, h, theta], in the scene's pixels.
         scores: (r, t), m: each rectangle's error in each trial; NaN where the trial was not made.
-        expected: (r, t), m: what the engine expected of its error once the trial was made; NaN where it does not say.
-        predicted: (r,), m: what the registrar predicted before any trial; NaN without a prediction. Files call it
+        expected: (r, t), m: the engine's expected error after the trial; NaN if it states none.
+        predicted: (r,), m: the registrar's prediction before any trial; NaN without one. Files call it
             `foreseen`.
         provenance: where the view comes from and how it was made.
     """

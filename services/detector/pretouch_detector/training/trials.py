@@ -1,8 +1,8 @@
-"""The paper's Algorithm 1: rectangles scored by simulated matches, with neither a robot nor a human.
+"""The paper's Algorithm 1: rectangles scored by simulated registrations, without a robot.
 
 After Lancaster, Yang and Smith, "Improved Object Pose Estimation via Deep Pre-touch Sensing", IROS 2017: random
 rectangles in the image, random offsets of the camera's cloud, and for each pair a match of the points on the
-rectangle's perimeter. A rectangle is as good as its worst trial.
+rectangle's perimeter. The worst trial of a rectangle decides.
 """
 
 from __future__ import annotations

@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from pretouch.estimate import Estimate, point_error
+from pretouch.estimate import MIN_FIT, Estimate, point_error
 from pretouch.exhaustion import Exhaustion, exhaustion_problem
 from pretouch.session import State
 from pretouch_orchestrator.sessions.record import Record
-
-LEAST_FIT = 0.01
-"""p-value below which the estimate is taken not to explain the samples: one good session in a hundred is rejected."""
 
 
 def end_session(record: Record, state: State, reason: dict[str, Any] | None = None) -> Record:
@@ -23,7 +20,7 @@ def end_session(record: Record, state: State, reason: dict[str, Any] | None = No
 
 def is_explained(estimate: Estimate) -> bool:
     """Whether the samples are measurements and the estimate explains them."""
-    return estimate.fit >= LEAST_FIT and not estimate.sensor_problem
+    return estimate.fit >= MIN_FIT and not estimate.sensor_problem
 
 
 def has_converged(record: Record) -> bool:
@@ -45,7 +42,7 @@ def exhaust_session(record: Record, limit: Exhaustion) -> Record:
 def _find_cause(record: Record, limit: Exhaustion) -> Exhaustion:
     if record.estimate.sensor_problem:
         return Exhaustion.SENSOR
-    if record.estimate.fit < LEAST_FIT:
+    if record.estimate.fit < MIN_FIT:
         return Exhaustion.MISFIT
     if record.scans and not any(scan.returns for scan in record.scans):
         return Exhaustion.OUT_OF_RANGE
@@ -74,7 +71,7 @@ def _describe_misfit(record: Record) -> tuple[str, str]:
     estimate = record.estimate
     return (
         f"No pose explains the {_pluralize(estimate.samples, 'sample')}: {estimate.inliers} agree with the best one, "
-        f"whose p-value is {estimate.fit:.2g}, less than {LEAST_FIT:g}.",
+        f"whose p-value is {estimate.fit:.2g}, less than {MIN_FIT:g}.",
         "Check that the object has not moved since the depth image, that the mask holds it alone, that each base_T_tip "
         "belongs to its range, and that sensor (range_std, beam_half_angle) and prior are not too small. Then open a "
         "new session with a new image.",

@@ -102,11 +102,12 @@ class Loop:
             submission = await self._fetch_samples(submission)
         kept, sensor_problem = await asyncio.to_thread(drop_faulty_modules, record, submission)
         scan = Scan.concatenate([]) if sensor_problem else scan_from_submission(record, kept)
-        request, evidence = record.request, replace(record, measured=(*record.measured, scan)).evidence
+        request = record.request
+        scans = replace(record, measured=(*record.measured, scan)).registrable_scans
         if sensor_problem:
             estimate = replace(record.estimate, sensor_problem=sensor_problem)
-        elif evidence:
-            estimate = await self._registrar.register(record.scene, evidence, request.prior, request.sensor)
+        elif scans:
+            estimate = await self._registrar.register(record.scene, scans, request.prior, request.sensor)
         else:
             estimate = record.estimate
         after = await asyncio.to_thread(apply_scan, record, plan, submission, scan, estimate)
@@ -138,7 +139,11 @@ class Loop:
             return exhaust_session(record, await asyncio.to_thread(find_limit, record, paths))
         request = record.request
         expected_errors = await self._registrar.predict(
-            record.scene, record.evidence, request.prior, request.sensor, [option.path for option in affordable]
+            record.scene,
+            record.registrable_scans,
+            request.prior,
+            request.sensor,
+            [option.path for option in affordable],
         )
         return plan_next(record, affordable, expected_errors)
 

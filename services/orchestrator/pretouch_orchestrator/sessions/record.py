@@ -46,7 +46,7 @@ class Record:
     reason: dict[str, Any] | None = None
 
     @property
-    def evidence(self) -> tuple[Scan, ...]:
+    def registrable_scans(self) -> tuple[Scan, ...]:
         """The scans to register: those with samples, or none as long as not a single sample has returned.
 
         The misses of a sensor that has never returned a range would otherwise lower the finger onto a surface that it

@@ -28,7 +28,7 @@ _FIT_BAND = 0.0035
 _MAX_STEPS = 4
 """Neighbours on each side of a plane fit; wider windows are subsampled to this many."""
 NOWHERE = 1e6
-"""m: plane and point of a front layer where there is none; finite, since kernels are compiled without infinities."""
+"""m: plane and point of a front layer where there is none; finite, so that differences of it stay finite."""
 _LAYER_GAP = 0.015
 """m: a surface this far in front of another one beside it in the image is a front layer, such as a cup's near rim."""
 _LAYER_REACH = 0.008

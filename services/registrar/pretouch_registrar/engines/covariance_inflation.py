@@ -34,7 +34,7 @@ _MAX_LOG_INFLATION = 1.5
 
 
 def compute_inflation(x: Array, classification: Classification, problem: RegistrationProblem) -> float:
-    """The factor on the posterior's standard deviations at its mean x (6,), whose samples are `classification`."""
+    """The factor on the posterior's standard deviations; `classification` is that of the samples at its mean x (6,)."""
     weights, hit = problem.beams.weights, problem.beams.returned
     total, returns = max(float(weights.sum()), 1e-9), max(float(weights[hit].sum()), 1e-9)
     contradicting = float(weights[classification.contradicting].sum()) / total

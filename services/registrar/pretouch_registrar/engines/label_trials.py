@@ -309,8 +309,8 @@ def _score(
             r[:], t[:] = np.eye(3), np.zeros(3)
             if matchable and source.shape[0] >= icp.MIN_CORRESPONDENCES:
                 _match(source, index, surface, centre, prior, matching, r, t)
-            judged = source if source.shape[0] > 0 else moved.points[j]
-            result[b, c] = _mean_error(judged, r, t, turns[j], centre, moves[j])
+            scored = source if source.shape[0] > 0 else moved.points[j]
+            result[b, c] = _mean_error(scored, r, t, turns[j], centre, moves[j])
             worst = max(worst, result[b, c])
             if pruned and worst > bound[0]:
                 result[b, c:] = np.inf

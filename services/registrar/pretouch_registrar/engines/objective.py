@@ -97,7 +97,7 @@ def compute_energies(xs: Array, problem: RegistrationProblem) -> Array:
 
 
 def compute_energies_in_parallel(xs: Array, problem: RegistrationProblem, resources: Resources) -> Array:
-    """`energies` (m,) of corrections xs (m, 6), on all threads."""
+    """`compute_energies` (m,) of corrections xs (m, 6), on all threads."""
     if len(xs) * len(problem.beams.weights) < _MIN_PARALLEL_WORK:
         return np.asarray(compute_energies(xs, problem), dtype=np.float64)
     parts = np.array_split(np.ascontiguousarray(xs), resources.threads)

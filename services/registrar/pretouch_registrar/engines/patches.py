@@ -24,7 +24,7 @@ class SharedError(NamedTuple):
     common: float
     patch: float
 
-    def effective_count(self, count: Array) -> Array:
+    def count_effective(self, count: Array) -> Array:
         """(n,): the effective numbers of `count` (n,) samples of one patch."""
         own, common = self.own**2, self.common**2
         return np.asarray(count * (own + common) / (own + count * common), dtype=np.float64)
@@ -69,7 +69,7 @@ def compute_sample_weights(
         where = where.ravel()
         known[where[: len(earlier.keys)]] = earlier.counts
         before = known[where[len(earlier.keys) :]]
-    gain = error.effective_count(before + each * count) - error.effective_count(before)
+    gain = error.count_effective(before + each * count) - error.count_effective(before)
     return np.asarray((gain / count)[place.ravel()], dtype=np.float64)
 
 

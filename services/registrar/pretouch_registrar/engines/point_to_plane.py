@@ -3,7 +3,7 @@
 The correspondence of each return above the table is the nearest point of the camera's smoothed surface. The residual is
 the distance along that point's normal, with a Geman-McClure weight by the distance of the two points. Gauss-Newton
 steps include the Gaussian prior on the correction, which keeps the source from sliding along planes; the noise is
-first widened and then annealed. Misses, silhouettes and the table are not used; engine `posterior` uses them.
+annealed from four times its value. Misses, silhouettes and the table are not used; engine `posterior` uses them.
 
 Neighbouring returns share the camera model's error. For the covariance, the inverse of the information matrix, all
 returns in a cube of a few millimetres therefore count as one. Where returns are too few, on one line or far from the
@@ -41,7 +41,7 @@ MAX_DISTANCE = 0.03
 _ANNEALING = np.array([4.0, 2.0, 1.0])
 """Factors on the noise, in this order."""
 _ROUNDS = 15
-"""Most steps at each factor."""
+"""Maximum number of steps at each factor."""
 _MIN_RETURNS = 25
 """Steps at noise factor k use every k-th return, but at least this many."""
 _MIN_STEP = 1e-4

@@ -25,7 +25,7 @@ _SCAN_BIAS = 0.0007
 """m: error common to all ranges of a scan; real modules drift by 0.5 to 1 mm within a minute."""
 _SAMPLE_STD = 0.001
 """m: the model's error that is independent for each sample."""
-WIDE = float(np.radians(2.0))
+_MIN_WIDE_HALF_ANGLE = float(np.radians(2.0))
 """rad: a beam with a larger half angle is treated as a cone."""
 CONE_STD = 0.0020
 """m: error of the hypotheses about a cone."""
@@ -214,10 +214,14 @@ def _temperature_growth(effective: float) -> float:
     return float(max(effective / _INDEPENDENT, 1.0) ** _GROWTH)
 
 
+def _is_wide(sensor: Sensor) -> bool:
+    return sensor.beam_half_angle > _MIN_WIDE_HALF_ANGLE
+
+
 def compute_shared_error(sensor: Sensor, camera: CameraNoise) -> SharedError:
     """The error that samples share with their neighbours: of the camera, the scan's bias and the cone's model."""
     common, patch = float(np.hypot(camera.patch, _SCAN_BIAS)), PATCH
-    if sensor.beam_half_angle > WIDE:
+    if _is_wide(sensor):
         common, patch = float(np.hypot(common, _CONE_SHARED)), _CONE_PATCH
     return SharedError(float(np.hypot(sensor.range_std, _SAMPLE_STD)), common, patch)
 
@@ -235,14 +239,14 @@ def collect_beams(
     return Beams(points, directions, returned, weights, np.concatenate([np.zeros(0), *ranges]))
 
 
-def patches_among(beams: Beams, error: SharedError) -> Patches:
+def find_beam_patches(beams: Beams, error: SharedError) -> Patches:
     """The patches of the beams' samples."""
     return find_patches(beams.points, beams.directions, beams.returned, error)
 
 
 def _compute_noise(sensor: Sensor, camera: CameraNoise) -> Noise:
-    wide = sensor.beam_half_angle > WIDE
-    spot = 0.0 if wide else 0.5 * (sensor.range_min + sensor.range_max) * np.tan(sensor.beam_half_angle)
+    wide = _is_wide(sensor)
+    spot = 0.0 if wide else sensor.spot_radius
     return Noise(
         surface=float(np.linalg.norm([sensor.range_std, SURFACE_STD, camera.patch, CONE_STD * wide, spot / 5])),
         table=float(np.linalg.norm([sensor.range_std, TABLE_STD, _TABLE_SHARE * camera.patch, spot / 5])),
@@ -262,7 +266,7 @@ def build_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, senso
     )  # fmt: skip
     table = Table(np.array(scene.table.normal), float(scene.table.offset))
     inverse = prior.inverse_variances()
-    cone = make_cone(sensor.beam_half_angle) if sensor.beam_half_angle > WIDE else make_thin_beam()
+    cone = make_cone(sensor.beam_half_angle) if _is_wide(sensor) else make_thin_beam()
     target = Target(np.array(scene.centroid), optics, table, model.pixels, model.footprint)
     shared = compute_shared_error(sensor, model.noise)
     beams = collect_beams(scans, shared)
@@ -273,7 +277,7 @@ def build_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, senso
         _compute_noise(sensor, model.noise),
         cone,
         inverse,
-        _compute_temperature(float(beams.weights.sum()), sensor.beam_half_angle > WIDE, model.noise),
+        _compute_temperature(float(beams.weights.sum()), _is_wide(sensor), model.noise),
         shared,
         _compute_systematic_covariance(sensor, model.noise, inverse, free_turn),
         free_turn,
@@ -285,7 +289,7 @@ def _compute_systematic_covariance(sensor: Sensor, camera: CameraNoise, prior: A
 
     It is at most a quarter of the prior's variance, which is given by its inverse `prior` (6,).
     """
-    own = _CONE_SYSTEMATIC if sensor.beam_half_angle > WIDE else _SYSTEMATIC
+    own = _CONE_SYSTEMATIC if _is_wide(sensor) else _SYSTEMATIC
     shift, turn = float(np.hypot(own, _CAMERA_SHARE * camera.patch)), _CAMERA_TURN * camera.patch
     shared = np.minimum(np.array([turn**2] * 3 + [shift**2] * 3), 0.25 / prior)
     information = float(free_turn @ (prior * free_turn))

@@ -48,7 +48,7 @@ def fit_module(readings: Mapping[float, Array]) -> ModuleFit:
     except InvalidInput as error:
         return ModuleFit(step=step, points=points, problem=f"{error.detail} {error.remedy}")
     standard_errors = StandardErrors(**errors, std=round(noise.std_error, 7), std_slope=round(noise.std_slope_error, 6))
-    return ModuleFit(calibration, standard_errors, step, tuple(_judged(point, curve) for point in points))
+    return ModuleFit(calibration, standard_errors, step, tuple(_add_residuals(point, curve) for point in points))
 
 
 def _curve(points: Sequence[Point], step: float) -> tuple[dict[str, float], dict[str, float]]:
@@ -110,7 +110,7 @@ def _solved(r: Array, means: Array, errors: Array, free: int) -> tuple[Array, Ar
     return np.asarray(result.x), np.sqrt(np.diag(covariance) * unexplained)
 
 
-def _judged(point: Point, model: ModuleCalibration) -> Point:
+def _add_residuals(point: Point, model: ModuleCalibration) -> Point:
     r = np.array(point.distance)
     residual = float((point.mean - model.reading(r)) * model.gain(r))
     return Point(point.distance, point.mean, point.std, point.samples, point.outliers, round(residual, 7))

@@ -20,12 +20,12 @@ SUPPORT = 0.05
 """m: the support size of a keypoint. The paper does not specify it; at this size half of the objects that stand on a
 table have ten keypoints, and the paper scans the ten best regions."""
 _PITCH = 0.0015
-"""m between neighbouring pixels on the object, that of a Kinect at 0.8 m: of a finer image every second pixel is taken
-in each direction, or every third, and so on, as PCL does for a wanted resolution."""
+"""m between neighbouring pixels on the object, that of a Kinect at 0.8 m: a finer image is subsampled by an
+integer step, as PCL does for a given resolution."""
 _MOST_PIXELS = 100_000
 """Pixels on an object; a larger one is subsampled likewise."""
 _SETTLED_PX = 12
-"""px around what a keypoint's surroundings cover, so that cropping the image does not change it."""
+"""px around a keypoint's surroundings, so that cropping the image does not change the result."""
 
 
 def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) -> list[ProposedRegion]:

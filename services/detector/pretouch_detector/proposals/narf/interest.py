@@ -32,7 +32,7 @@ def interest(
     """(h, w) in [0, 1], of the pixels `where` (h, w); 0 elsewhere and on `hidden` ones (shadow borders, veil points).
 
     Args:
-        support: m, the size of what a keypoint's surroundings cover; so much is interesting at once.
+        support: m, the size of a keypoint's surroundings.
     """
     h, w = image.ranges.shape
     framed = np.full((7, h + 2, w + 2), np.nan, np.float32)
@@ -47,7 +47,7 @@ def interest(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _interest(pixels: Floats, centres: NDArray[np.int64], width: int, support: np.float32, values: Floats) -> None:
-    """Of the pixels `centres` (n,), each among those that can be reached from it without leaving half of `support`.
+    """The interest of the pixels `centres` (n,), each from those connected to it within half of `support`.
 
     `pixels` (k, 7) are rows of `width` framed by ones that are not to be entered: point (NaN: not to be entered), score
     and direction of the change.
@@ -116,7 +116,7 @@ def image_axes(x: np.float32, y: np.float32, z: np.float32, frame: Floats) -> No
 def bin_of(direction: Floats, frame: Floats) -> int:
     """The bin of a direction (3,) as seen along the ray whose `image_axes` are `frame` (6,).
 
-    PCL knows the angle by its cosine alone: directions that mirror each other at the image's u axis share a bin.
+    PCL computes the angle from its cosine alone: directions that mirror each other at the image's u axis share a bin.
     """
     across = frame[0] * direction[0] + frame[1] * direction[1] + frame[2] * direction[2]
     along = frame[3] * direction[0] + frame[4] * direction[1] + frame[5] * direction[2]

@@ -1,8 +1,8 @@
-"""Mean and covariance of points as they come in, and the covariance's axes, in single precision.
+"""Running mean and covariance of points, and the covariance's axes, in single precision.
 
-The interest of a pixel hangs on which way an axis points, and the axis of a nearly flat patch on the last bits. So that
-the answers are PCL's, the running update and the closed form (characteristic polynomial; an eigenvector as the longest
-cross product of two rows) take their steps in PCL's order and precision.
+The interest of a pixel depends on the direction of an axis, and that axis, for a nearly flat patch, on the last bits.
+To give the results of PCL, the running update and the closed form (characteristic polynomial; an eigenvector as the
+longest cross product of two rows) use PCL's order of operations and precision.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SMALL = np.float32(1e-5)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add(moments: Floats, point: Floats, weight: np.float32) -> None:
-    """Takes `point` (3,) into `moments` (MOMENTS,)."""
+    """Adds `point` (3,) to `moments` (MOMENTS,)."""
     if weight == _ZERO:
         return
     moments[9] += weight
@@ -153,7 +153,7 @@ def _quadratic_roots(trace: np.float32, minors: np.float32, values: Floats) -> N
 def _null_vector(
     xx: np.float32, xy: np.float32, xz: np.float32, yy: np.float32, yz: np.float32, zz: np.float32, out: Floats
 ) -> np.float32:
-    """Writes the unit vector that a singular symmetric matrix maps to zero; how surely: the cross product's length."""
+    """Writes the unit vector that a singular symmetric matrix maps to zero; returns the cross product's length."""
     ax, ay, az = xy * yz - xz * yy, xz * xy - xx * yz, xx * yy - xy * xy
     bx, by, bz = xy * zz - xz * yz, xz * xz - xx * zz, xx * yz - xy * xz
     cx, cy, cz = yy * zz - yz * yz, yz * xz - xy * zz, xy * yz - yy * xz

@@ -1,9 +1,9 @@
-"""Sorting as C++ programs do it, ties included.
+"""Sorting as in the C++ standard library, ties included.
 
-Depth comes in steps, so that neighbours at exactly the same distance are common. Which of them is taken first decides
-the last bits of a running covariance, and these now and then the bin of a direction. To agree with PCL to the bit, ties
-must fall as in the standard library that Debian builds it with (libstdc++): halves are parted about a median of three
-while more than 16 numbers are left, then they are inserted one by one.
+Depth is quantised, so that neighbours at exactly the same distance are common. Their order affects the last bits of a
+running covariance, and thereby sometimes the bin of a direction. To agree with PCL to the bit, ties are sorted as by
+libstdc++, with which Debian builds it: partition about a median of three while more than 16 numbers are left, then
+insertion sort.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def sort(keys: Floats, items: NDArray[np.int64], count: int) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _part(keys: Floats, items: NDArray[np.int64], low: int, high: int) -> int:
-    """Parts keys[low:high] about the median of its second, middle and last; where the larger ones begin."""
+    """Partitions keys[low:high] about the median of its second, middle and last; returns where the larger begin."""
     a, b, c = low + 1, low + (high - low) // 2, high - 1
     if keys[a] < keys[b]:
         median = b if keys[b] < keys[c] else (c if keys[a] < keys[c] else a)

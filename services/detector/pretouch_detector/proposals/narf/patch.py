@@ -87,8 +87,8 @@ def upright_frame(points: Floats, ranges: Floats, v: int, u: int, support: np.fl
 def surface_patch(points: Floats, ranges: Floats, optics: Floats, pose: Floats, support: np.float32) -> Floats:
     """(CELLS, CELLS) z, m, of the nearest surface in the frame `pose` (3, 4), over `support` m each way.
 
-    Between pixels the surface is a net of triangles. inf where one looks past it onto something far behind, -inf where
-    nothing is known.
+    Between pixels the surface is a mesh of triangles. inf where the background is seen beside it, -inf where nothing is
+    known.
     """
     h, w = ranges.shape
     patch = np.full((CELLS, CELLS), -_INF, np.float32)
@@ -153,7 +153,7 @@ def _over_patch(corners: Floats, reach: np.float32) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _draw(corners: Floats, patch: Floats, support: np.float32) -> None:
-    """Writes the heights of a triangle's plane into the cells whose centres it covers, the nearer surface winning."""
+    """Writes the heights of a triangle's plane into the cells whose centres it covers, keeping the nearer surface."""
     scale = _ONE / (support / np.float32(CELLS))
     middle = _HALF * np.float32(CELLS) - _HALF
     x0, y0, z0 = scale * corners[0, 0] + middle, scale * corners[0, 1] + middle, corners[0, 2]
@@ -177,7 +177,7 @@ def _draw(corners: Floats, patch: Floats, support: np.float32) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _mark_background(ranges: Floats, optics: Floats, pose: Floats, patch: Floats, support: np.float32) -> None:
-    """Sets cells without a surface, and those around them, to inf where the camera sees far past a known neighbour."""
+    """Sets cells without a surface, and those around them, to inf where the camera sees the background there."""
     h, w = ranges.shape
     size = support / np.float32(CELLS)
     reach = _HALF * support

@@ -14,7 +14,7 @@ from pretouch_detector.proposals.narf.range_image import Floats, RangeImage
 RADIUS = 2
 """px: half the side of the window, less the pixel itself."""
 NEAREST = 9
-"""So many of the window's points are taken to be on the pixel's own surface, and all up to twice as far away."""
+"""The number of the window's points that are taken to be on the pixel's surface; all up to twice as far are added."""
 _SIDE = 2 * RADIUS + 1
 _ZERO, _ONE, _FOUR = np.float32(0), np.float32(1), np.float32(4)
 
