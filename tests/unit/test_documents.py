@@ -14,7 +14,7 @@ LINK = re.compile(r"\]\((?P<target>[^)\s#]*)(?:#(?P<anchor>[^)\s]*))?\)")
 HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
 MADE = {ROOT / "docs" / "reference" / name for name in ("rest.md", "grpc.md", "cli.md")}
 """Pages that the site alone has, made from the code."""
-VARIABLE = re.compile(r"PRETOUCH_[A-Z]+(?:_[A-Z]+)*(?![A-Z_])")
+VARIABLE = re.compile(r"\bPRETOUCH_[A-Z]+(?:_[A-Z]+)*(?![A-Z_])")
 
 
 def tracked(*patterns: str) -> list[Path]:
