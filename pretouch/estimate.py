@@ -145,8 +145,8 @@ class Estimate:
             raise InvalidInput(f"The weights of estimate.modes sum to {total:g}.", "Need a sum of 1.")
         if not np.allclose(modes[0].base_T_correction.matrix, self.base_T_correction.matrix, rtol=0, atol=_SAME_PLACE):
             raise InvalidInput(
-                "The first of estimate.modes is another place than estimate.base_T_correction.",
-                "Name the answer itself first.",
+                "The first of estimate.modes is not estimate.base_T_correction.",
+                "Send the estimate itself as the first mode.",
             )
         object.__setattr__(self, "fit", fit)
         object.__setattr__(self, "modes", tuple(modes))
