@@ -153,8 +153,8 @@ class Estimate:
             modes[0].base_T_correction.matrix, self.base_T_correction.matrix, rtol=0, atol=_SAME_CORRECTION
         ):
             raise InvalidInput(
-                "The first of estimate.modes is another place than estimate.base_T_correction.",
-                "Name the answer itself first.",
+                "The first of estimate.modes is not estimate.base_T_correction.",
+                "Send the estimate itself as the first mode.",
             )
         object.__setattr__(self, "fit", fit)
         object.__setattr__(self, "modes", tuple(modes))

@@ -27,7 +27,7 @@ _TITLES: Final = {
     Exhaustion.NOTHING_TO_GAIN: "No region is left to scan",
     Exhaustion.OUT_OF_RANGE: "The finger met nothing within its range",
     Exhaustion.MISFIT: "The samples fit no pose",
-    Exhaustion.SENSOR: "The samples are no measurements",
+    Exhaustion.SENSOR: "The samples are not measurements",
 }
 
 

@@ -165,7 +165,7 @@ class RangeSamples:
 class Scan:
     """Range measurements as beams in base: the registrar's and the simulator's view of a scan.
 
-    A point given without its beam stands as a beam of length 0 at the point.
+    A point without a beam is a beam of length 0 at the point.
 
     Attributes:
         origins: (n, 3), m, where each beam starts.
@@ -214,7 +214,7 @@ class Scan:
 
     @property
     def returned(self) -> NDArray[np.bool_]:
-        """(n,) True where the beam came back."""
+        """(n,) True where the beam returned a range."""
         return np.isfinite(self.ranges)
 
     def points(self) -> Array:

@@ -92,7 +92,7 @@ def raise_for_problem(response: httpx.Response) -> None:
             kind = known
     raise kind(
         f"{response.url} answered {status} {response.reason_phrase} without a problem document.",
-        "Check that the address is that of a pretouch orchestrator, and what stands between.",
+        "Check that the address is that of a pretouch orchestrator, and any proxy in between.",
     )
 
 

@@ -83,8 +83,9 @@ def contract_from_proto(message: Message, owner: type[_Owner], path: str) -> _Ow
     for field in contract_fields(owner):
         name = field.name.lower()
         value = getattr(message, name)
-        descriptor = message.DESCRIPTOR.fields_by_name[name]
-        if message.HasField(name) if descriptor.has_presence else value or field.required:
+        has_presence = message.DESCRIPTOR.fields_by_name[name].has_presence
+        left_out = not message.HasField(name) if has_presence else not value and not field.required
+        if not left_out:
             given[field.name] = _value_from_proto(value, field.type, f"{path}.{name}")
         elif field.required:
             raise InvalidInput(f"{path}.{name} is missing.", f"Send {path}.{name}.")

@@ -23,7 +23,7 @@ class ContractField:
     Attributes:
         name: the same in Python and in JSON, and in small letters in messages.
         type: its type annotation, resolved.
-        default: `dataclasses.MISSING` if there is none or it is made anew each time.
+        default: `dataclasses.MISSING` if there is none or it is created anew each time.
         required: whether it has to be given.
         in_json: whether REST has it; messages have all.
         description: its entry under "Attributes", on one line.

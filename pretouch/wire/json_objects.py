@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import is_dataclass
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -13,6 +14,13 @@ from pretouch.wire.contract import contract_fields
 from pretouch.wire.reader import Members, read_integer, read_items, read_number, read_numbers, read_pose, read_text
 
 _Owner = TypeVar("_Owner")
+_READERS: dict[Any, Callable[[object, str], Any]] = {
+    float: read_number,
+    int: read_integer,
+    str: read_text,
+    Pose: read_pose,
+    RotatedRectangle: lambda value, path: RotatedRectangle(*read_numbers(value, path, 5)),
+}
 
 
 def pose_to_json(pose: Pose) -> dict[str, Any]:
@@ -68,11 +76,8 @@ def _value_from_json(value: object, wanted: Any, path: str) -> Any:
         return tuple(_value_from_json(item, kind, f"{path}[{k}]") for k, item in enumerate(read_items(value, path)))
     if get_origin(wanted) is Annotated:
         return np.array(_read_array(value, wanted.__metadata__[0], path))
-    read = {float: read_number, int: read_integer, str: read_text, Pose: read_pose}.get(wanted)
-    if read is not None:
-        return read(value, path)
-    if wanted is RotatedRectangle:
-        return RotatedRectangle(*read_numbers(value, path, 5))
+    if wanted in _READERS:
+        return _READERS[wanted](value, path)
     return object_from_json(Members(value, path, None), wanted)
 
 

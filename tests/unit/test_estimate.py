@@ -38,7 +38,7 @@ def test_an_estimate_keeps_the_modes_it_is_given_in_their_order() -> None:
     [
         ([(HERE, 0.7), (THERE, 0.2)], "sum to 0.9"),
         ([(HERE, 0.7), (THERE, 0.4)], "sum to 1.1"),
-        ([(THERE, 0.7), (HERE, 0.3)], "another place"),
+        ([(THERE, 0.7), (HERE, 0.3)], "is not estimate.base_T_correction"),
     ],
 )
 def test_modes_that_cannot_be_are_refused(modes: list[tuple[Pose, float]], words: str) -> None:
