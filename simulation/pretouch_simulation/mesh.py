@@ -100,7 +100,9 @@ def load_mesh(path: Path) -> Mesh:
     try:
         read = trimesh.load_mesh(path, process=False)
     except Exception as error:  # trimesh fails in any way on damaged files
-        raise Malformed(f"{path.name} holds no triangles that can be read: {error}.", "Export it as a triangle mesh.") from error
+        raise Malformed(
+            f"{path.name} holds no triangles that can be read: {error}.", "Export it as a triangle mesh."
+        ) from error
     if not isinstance(read, trimesh.Trimesh) or not len(read.faces):
         raise Malformed(f"{path.name} holds no triangles.", "Export it as a triangle mesh.")
     mesh = Mesh(read.vertices, read.faces)
