@@ -16,7 +16,7 @@ from pretouch.cli import _app
 _INTRODUCTION = """# Commands and options
 
 Every command and option, made from the help that `pretouch COMMAND --help` shows. Options with an environment variable
-take it where they are not given. What all commands have in common is on its [own page](../command-line.md).
+take it where they are not given. What all commands have in common is on its [own page](command-line.md).
 """
 
 
