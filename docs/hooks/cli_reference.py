@@ -13,10 +13,10 @@ from mkdocs.structure.files import File, Files
 
 from pretouch.cli import _app
 
-_INTRODUCTION = """# Command line
+_INTRODUCTION = """# Commands and options
 
 Every command and option, made from the help that `pretouch COMMAND --help` shows. Options with an environment variable
-take it where they are not given.
+take it where they are not given. What all commands have in common is on its [own page](command-line.md).
 """
 
 

@@ -19,8 +19,9 @@ from pretouch_detector.training.command import train
 from pretouch_detector.training.dataset import SIDES, Dataset, write
 from pretouch_detector.training.export import Served, export_scorer, restore
 from pretouch_detector.training.processes import join_processes
+from pretouch_detector.training.schedule import Schedule
 from pretouch_detector.training.targets import Targets, targets_of
-from pretouch_detector.training.trainer import Schedule, Trainer
+from pretouch_detector.training.trainer import Trainer
 from safetensors.torch import load_file
 from torch import distributed
 from typer.testing import CliRunner

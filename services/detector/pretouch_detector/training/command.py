@@ -5,21 +5,18 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import torch
 import typer
 from rich.console import Console
 
 from pretouch.errors import InvalidInput
 from pretouch.interrupts import INTERRUPTED
 from pretouch.results import check_folder
-from pretouch_detector.model.scorer import Scorer
-from pretouch_detector.training.curves import draw
-from pretouch_detector.training.export import export_scorer, restore
-from pretouch_detector.training.processes import join_processes
-from pretouch_detector.training.targets import load
-from pretouch_detector.training.trainer import Schedule, Trainer
+from pretouch_detector.training.schedule import Schedule
+
+if TYPE_CHECKING:
+    import torch
 
 
 def train(
@@ -44,6 +41,15 @@ def train(
     On several processes or machines: torchrun --nproc-per-node N --no-python pretouch train ... In the end the folder
     OUT holds the weights for torch and for serving, the log and its curves.
     """
+    import torch
+
+    from pretouch_detector.model.scorer import Scorer
+    from pretouch_detector.training.curves import draw
+    from pretouch_detector.training.export import export_scorer, restore
+    from pretouch_detector.training.processes import join_processes
+    from pretouch_detector.training.targets import load
+    from pretouch_detector.training.trainer import Trainer
+
     check_folder(out)
     console = Console(stderr=True)
     place = _device(device)
@@ -72,6 +78,8 @@ def train(
 
 
 def _device(name: str | None) -> torch.device:
+    import torch
+
     if name is None:
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     if name not in ("cpu", "cuda"):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -25,28 +25,9 @@ from pretouch_detector.model.scorer import Scorer
 from pretouch_detector.training.augment import augment
 from pretouch_detector.training.batch import batch_of
 from pretouch_detector.training.processes import ALONE, Processes
+from pretouch_detector.training.schedule import Schedule
 from pretouch_detector.training.scorer_loss import scorer_loss
 from pretouch_detector.training.targets import Targets
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """How long and how fast.
-
-    Attributes:
-        batch: views a step and process.
-        rectangles: of each view.
-        rate: the highest learning rate; it rises over the first twentieth of the steps, then falls as a cosine.
-        average: share of the running average that a step keeps.
-    """
-
-    epochs: int = 40
-    batch: int = 16
-    rectangles: int = 40
-    rate: float = 2e-3
-    decay: float = 0.02
-    average: float = 0.995
-    seed: int = 0
 
 
 class Trainer:
