@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import _thread
 import os
 import signal
 import sys
@@ -26,23 +25,28 @@ def end_at_once_when_interrupted() -> None:
 def raising_interrupts() -> Iterator[None]:
     """Within the block an interrupt raises KeyboardInterrupt, so that what was begun is ended in order."""
     before = [signal.getsignal(number) for number in _SIGNALS]
-    hook = sys.unraisablehook
+    hook, print_trace = sys.unraisablehook, sys.excepthook
 
     def raise_again(unraisable: Any) -> None:
         """An interrupt while a callback or destructor ran, where none can be raised, is raised afterwards."""
         if issubclass(unraisable.exc_type, KeyboardInterrupt):
-            again = threading.Timer(_LATER, _thread.interrupt_main)
+            again = threading.Timer(_LATER, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
             again.daemon = True
             again.start()
         else:
             hook(unraisable)
 
+    def print_others(kind: type[BaseException], *rest: Any) -> None:
+        """Compiled modules print what they cannot raise, and only then call the other hook."""
+        if not issubclass(kind, KeyboardInterrupt):
+            print_trace(kind, *rest)
+
     _handle(signal.default_int_handler)
-    sys.unraisablehook = raise_again
+    sys.unraisablehook, sys.excepthook = raise_again, print_others
     try:
         yield
     finally:
-        sys.unraisablehook = hook
+        sys.unraisablehook, sys.excepthook = hook, print_trace
         if threading.current_thread() is threading.main_thread():
             for number, handler in zip(_SIGNALS, before, strict=True):
                 signal.signal(number, handler)
