@@ -35,14 +35,14 @@ def test_a_whole_image_is_cut_to_the_object_and_answered_alike() -> None:
 
 
 @pytest.mark.parametrize("most", [100_000, 20_000, 3_000])
-def test_a_fine_view_is_thinned_in_place(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
-    monkeypatch.setattr(module, "MOST_OBJECT_PIXELS", most)
+def test_a_fine_view_is_downsampled_in_place(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    monkeypatch.setattr(module, "MAX_OBJECT_PIXELS", most)
     fine = WORLD.scene(CLOSE)
-    thin = downsample_scene(fine)
-    assert thin.mask.size < fine.mask.size
-    assert min(most, fine.mask.sum()) / 5 < thin.mask.sum() <= 1.1 * most
-    np.testing.assert_allclose(thin.centroid, fine.centroid, atol=5e-4)
-    on_box = WORLD.distance(thin.cloud)
+    coarse = downsample_scene(fine)
+    assert coarse.mask.size < fine.mask.size
+    assert min(most, fine.mask.sum()) / 5 < coarse.mask.sum() <= 1.1 * most
+    np.testing.assert_allclose(coarse.centroid, fine.centroid, atol=5e-4)
+    on_box = WORLD.distance(coarse.cloud)
     assert on_box.max() < 1e-4
 
 
@@ -55,7 +55,7 @@ def test_a_fine_view_is_answered_as_a_usual_one(monkeypatch: pytest.MonkeyPatch)
         tips[:, :3, 3] = (*start, 0.085), (*end, 0.085)
         path = Trajectory(np.array([0.0, 3.0]), tips.copy())
         scans.append(WORLD.moved(TRUTH).scanned(path, Sensor(), np.random.default_rng(k)).beams(Sensor()))
-    monkeypatch.setattr(module, "MOST_OBJECT_PIXELS", 10_000)
+    monkeypatch.setattr(module, "MAX_OBJECT_PIXELS", 10_000)
     fine = WORLD.scene(CLOSE, np.random.default_rng(0))
     answer = REGISTRAR.register(fine, scans, Settings())
     error = np.linalg.norm(answer.base_T_correction.apply(fine.cloud) - TRUTH.apply(fine.cloud), axis=1).mean()

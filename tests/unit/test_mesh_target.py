@@ -91,7 +91,7 @@ def test_a_bad_mesh_is_refused_with_what_to_do(change: dict[str, Any], kind: typ
 
 
 def test_triangles_that_cover_each_other_endlessly_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_MOST_VISITS", 10_000)
+    monkeypatch.setattr(module, "_MAX_VISITS", 10_000)
     with pytest.raises(InvalidInput, match="cover each other"):
         mesh_scene(target(faces=np.tile(BOX.faces, (100, 1))))
 
