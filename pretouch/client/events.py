@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from pretouch.client.attempts import Attempts
+from pretouch.client.retries import Attempts
 from pretouch.errors import Internal, PretouchError, Unavailable
 
 QUIET: Final = 45.0

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from typing import Generic, Self
 
 from pretouch.client.api import AnswerT, Call, MessageT, ResultT, SessionApi, SessionPage
-from pretouch.client.attempts import Attempts
 from pretouch.client.events import Event, StreamProgress, stream_broken
 from pretouch.client.images import ImageLike
+from pretouch.client.retries import Attempts
 from pretouch.errors import DeadlineExceeded, PretouchError
 from pretouch.session import ScanPlan, Session, SessionRequest, Submission
 

@@ -10,7 +10,7 @@ from helpers.client_kinds import KINDS, opened
 from helpers.scripted_orchestrator import ScriptedOrchestrator
 
 from pretouch.camera import Camera
-from pretouch.client.attempts import Attempts
+from pretouch.client.retries import Attempts
 from pretouch.errors import (
     Conflict,
     DeadlineExceeded,
