@@ -16,8 +16,8 @@ from pretouch.errors import PretouchError
 from pretouch.session import State, Tolerance
 
 _HEADER = (
-    "| object | n | before, mm | after, mm (median, worst) | expected, mm | truth in the 95 % region | converged "
-    "| of these within it | scans | robot seconds | skipped scans | motions with a touch |"
+    "| object | n | before, mm (mean) | after, mm (median, worst) | expected, mm (median) | truth in the 95 % region "
+    "| converged | of these within it | scans (mean) | robot seconds (mean) | skipped scans | motions with a touch |"
 )
 
 
