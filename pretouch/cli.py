@@ -23,7 +23,7 @@ from typer.core import TyperGroup
 
 from pretouch.config_file import read_config
 from pretouch.errors import Conflict, InvalidInput, NotFound, PretouchError, Unauthenticated, Unavailable
-from pretouch.interrupts import INTERRUPTED, raising_interrupts
+from pretouch.interrupts import INTERRUPTED, Terminated, raising_interrupts
 
 _PORTS = {"orchestrator": 50050, "detector": 50051, "registrar": 50052, "gateway": 50053}
 _SERVE_HELP = {
@@ -228,8 +228,9 @@ class _Commands(TyperGroup):
         with raising_interrupts():
             try:
                 return super().invoke(ctx)
-            except KeyboardInterrupt:
-                print("Interrupted.", file=sys.stderr)
+            except KeyboardInterrupt as interrupt:
+                if not isinstance(interrupt, Terminated):
+                    print("Interrupted.", file=sys.stderr)
                 raise typer.Exit(INTERRUPTED) from None
 
 

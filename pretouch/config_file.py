@@ -27,7 +27,7 @@ def read_config(context: typer.Context, path: Path | None) -> Path | None:
     except ValueError as error:  # TOML, or the encoding
         raise Malformed(f"{path} is not TOML: {error}.", "Write lines such as rest-port = 8080.") from error
     options = {
-        option.removeprefix("--"): str(parameter.name)
+        option.removeprefix("--"): parameter
         for parameter in context.command.params
         for option in parameter.opts
         if option not in ("--config", "--help", "-h")
@@ -35,5 +35,8 @@ def read_config(context: typer.Context, path: Path | None) -> Path | None:
     unknown = [key for key in values if key not in options]
     if unknown:
         raise InvalidInput(f"{path} has unknown keys: {', '.join(unknown)}.", f"Known are {', '.join(options)}.")
-    context.default_map = {options[key]: value for key, value in values.items()}
+    context.default_map = {}
+    for key, value in values.items():
+        several = getattr(options[key], "multiple", False) and not isinstance(value, list)
+        context.default_map[str(options[key].name)] = [value] if several else value
     return path

@@ -16,6 +16,10 @@ _LATER = 0.05  # s, in which the callback has returned
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: as Ctrl-C, but nobody waits for a word."""
+
+
 def end_at_once_when_interrupted() -> None:
     """For the time in which a program loads: nothing has begun, so there is nothing to end in order."""
     _handle(_end)
@@ -41,7 +45,7 @@ def raising_interrupts() -> Iterator[None]:
         if not issubclass(kind, KeyboardInterrupt):
             print_trace(kind, *rest)
 
-    _handle(signal.default_int_handler)
+    _handle(_raise)
     sys.unraisablehook, sys.excepthook = raise_again, print_others
     try:
         yield
@@ -60,6 +64,11 @@ def _handle(handler: Any) -> None:
                 signal.signal(number, handler)
 
 
-def _end(*_: Any) -> None:
-    os.write(2, b"Interrupted.\n")
+def _raise(number: int, _: Any) -> None:
+    raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
+
+
+def _end(number: int, _: Any) -> None:
+    if number == signal.SIGINT:
+        os.write(2, b"Interrupted.\n")
     os._exit(INTERRUPTED)

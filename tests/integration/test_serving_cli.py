@@ -170,6 +170,7 @@ async def test_healthcheck_tells_serving_from_warming_up_from_absent() -> None:
         ("rest-port", "is not TOML"),
         ("rest-port = 50050", "REST and gRPC both have port 50050"),
         ('device = ["finger"]', "'finger' is not name=port"),
+        ('device = "finger"', "'finger' is not name=port"),
         ('token = ""', "The token is empty"),
     ],
 )

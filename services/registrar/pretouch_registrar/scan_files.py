@@ -26,6 +26,8 @@ from pretouch_registrar.mesh_scene import mesh_scene
 
 Say = Callable[[str], None]
 """Takes what a user should know: what was left out, what was taken for granted."""
+_LARGEST = 2.0
+"""m: of an object that a camera sees on a table."""
 _CROP = 0.1
 """m around the object that a depth image is cut to."""
 
@@ -107,7 +109,7 @@ def _scene_of_points(
     if len(points) > MAX_CLOUD:
         say(f"{name}: {len(points)} points were thinned out to {MAX_CLOUD}.")
     cloud = thinned(points, MAX_CLOUD)
-    check_size(name, cloud, MAX_EXTENT)
+    check_size(name, cloud, _LARGEST)
     table = given.table or _assumed(name, table_below(cloud), say)
     if viewpoint is None:
         say(f"{name}: no viewpoint is known, so it is looked at from straight above; --viewpoint gives the camera's.")
@@ -137,7 +139,7 @@ def _depth_scene(name: str, arrays: dict[str, NDArray[Any]], given: Given, say: 
         _member(name, arrays, "mask") != 0,
         table or Plane(np.array([0.0, 0.0, 1.0]), 0.0),
     )
-    check_size(name, scene.cloud, MAX_EXTENT)
+    check_size(name, scene.cloud, _LARGEST)
     if table is None:
         scene = replace(scene, table=_assumed(name, table_below(scene.cloud), say))
     return scene.cropped(_CROP)[0]
