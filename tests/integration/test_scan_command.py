@@ -362,7 +362,7 @@ def test_a_bad_view_is_refused_in_words(register: Any, files: Files, tmp_path: P
     ("arguments", "said"),
     [
         (["cloud.ply", "scan0.npz", "--viewpoint", "0.5", "0", "-3"], "not above the table"),
-        (["cloud.ply", "scan0.npz", "--viewpoint", "0.5", "0", "0.06"], "amid the target's points"),
+        (["cloud.ply", "scan0.npz", "--viewpoint", "0.5", "0", "0.06"], "among the target's points"),
         (["cloud.ply", "scan0.npz", "--viewpoint", "nan", "0", "1"], "NaN"),
         (["cloud.ply", "scan0.npz", "--table", "0", "0", "3", "0"], "norm 3"),
         (["cloud.ply", "scan0.npz", "--object-pose", "0", "0", "0", "0", "0", "0", "1"], "no triangles"),
