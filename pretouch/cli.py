@@ -11,6 +11,7 @@ import asyncio
 import importlib.util
 import os
 import sys
+from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
 from shutil import get_terminal_size
@@ -294,12 +295,12 @@ def main() -> None:
     except PretouchError as error:
         _refuse(error)
     except OSError as error:  # a disk that is full, standard output that is closed
-        try:
-            sys.stdout.flush()
-        except OSError:
+        if error.filename is None:
+            with suppress(OSError):
+                sys.stdout.flush()
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or Python complains again when it ends
-            _refuse(Unavailable(f"Standard output cannot be written: {error.strerror}."))
-        _refuse(Unavailable(f"{error.filename or 'It'} cannot be used: {error.strerror or error}."))
+        what = f"{error.filename} cannot be used" if error.filename else "The output cannot be written"
+        _refuse(Unavailable(f"{what}: {error.strerror or error}."))
     except ModuleNotFoundError as error:  # at import or only once the command runs
         for entry in entry_points(group="pretouch.commands", name=called or ""):
             explained = _missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))

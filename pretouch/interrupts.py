@@ -56,6 +56,19 @@ def raising_interrupts() -> Iterator[None]:
                 signal.signal(number, handler)
 
 
+@contextmanager
+def interrupts_held_back() -> Iterator[None]:
+    """Ctrl-C takes effect after the block, so that a child that is started in it is also remembered to be ended.
+
+    Children that are started within never see Ctrl-C.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _handle(handler: Any) -> None:
     """A signal that whoever started this program ignores, as a shell does for background jobs, stays ignored."""
     if threading.current_thread() is threading.main_thread():

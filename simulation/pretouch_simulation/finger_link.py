@@ -14,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 
 from pretouch.errors import DeadlineExceeded, Unavailable
+from pretouch.interrupts import interrupts_held_back
 from pretouch.trajectory import Trajectory
 
 _START_TIMEOUT = 60.0  # loading numba from a cold disk, and compiling the ray caster once
@@ -50,15 +51,16 @@ class FingerProcess:
             DeadlineExceeded: it did not open its port in a minute.
         """
         with tempfile.TemporaryFile() as errors:
-            self._process = process = subprocess.Popen(
-                self._command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                start_new_session=True,  # Ctrl-C in a terminal reaches this process alone, which ends the finger
-            )
-            assert process.stdout is not None
             try:
+                with interrupts_held_back():
+                    self._process = process = subprocess.Popen(
+                        self._command,
+                        stdin=subprocess.PIPE,
+                        stdout=subprocess.PIPE,
+                        stderr=errors,
+                        start_new_session=True,  # a Ctrl-C in a terminal is this process's, which ends the finger
+                    )
+                assert process.stdout is not None
                 ready, _, _ = select.select([process.stdout], [], [], _START_TIMEOUT)
                 line = process.stdout.readline() if ready else b""
             except KeyboardInterrupt:

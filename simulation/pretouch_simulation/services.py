@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Self
 
 from pretouch.errors import DeadlineExceeded, Unavailable
+from pretouch.interrupts import interrupts_held_back
 
 _START_TIMEOUT = 320.0
 """s: longer than `pretouch up` itself waits, so that it can say what was missing."""
@@ -52,15 +53,17 @@ class Services:
             log = state / "services.log"
             options = ["--rest-port", "0", "--grpc-port", "0", "--gateway-port", "0", "--state", str(state / "state")]
             options += [part for device in self._devices for part in ("--device", device)]
-            process = subprocess.Popen(
-                [sys.executable, "-m", "pretouch", "up", *options],
-                env=self._environment,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=self._stack.enter_context(log.open("wb")),
-                start_new_session=True,  # a Ctrl-C is the demo's, which ends them in order
-            )
-            self._stack.callback(_end, process)
+            errors = self._stack.enter_context(log.open("wb"))
+            with interrupts_held_back():
+                process = subprocess.Popen(
+                    [sys.executable, "-m", "pretouch", "up", *options],
+                    env=self._environment,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=errors,
+                    start_new_session=True,  # a Ctrl-C is the demo's, which ends them in order
+                )
+                self._stack.callback(_end, process)
             ready = _READY.search(_first_line(process, log))
             if ready is None:
                 raise Unavailable(f"The services did not start: {_last_of(log)}", "Mend what they say.")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import Any, TypeVar
+
+from pretouch.interrupts import interrupts_held_back
 
 Answer = TypeVar("Answer")
 ONE_THREAD = {name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
@@ -40,7 +41,7 @@ def run_in_workers(
             min(workers, len(calls)), mp_context=context, initializer=_begin, initargs=(prepare, arguments)
         )
         try:
-            with _interrupts_held_back():
+            with interrupts_held_back():  # workers never see one, not even before they can ignore it
                 futures = [pool.submit(function, *call) for call in calls]
             for future in as_completed(futures):
                 yield future.result()
@@ -63,16 +64,6 @@ def _begin(prepare: Callable[..., None], arguments: tuple[Any, ...]) -> None:
 def _end_with(parent: Any) -> None:
     parent.join()
     os._exit(1)
-
-
-@contextmanager
-def _interrupts_held_back() -> Iterator[None]:
-    """Workers that are started within the block never see an interrupt, not even before they can ignore it."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -135,4 +135,4 @@ def test_standard_output_that_is_full_is_told_in_one_line() -> None:
             [sys.executable, "-m", "pretouch", "--help"], stdout=full, stderr=subprocess.PIPE, text=True, env=PLAIN
         )
     assert done.returncode == 1
-    assert done.stderr == "Standard output cannot be written: No space left on device.\n"
+    assert done.stderr == "The output cannot be written: No space left on device.\n"
