@@ -109,7 +109,8 @@ def test_a_mesh_in_millimetres_is_named_and_said_how_to_mend(tmp_path: Path) -> 
     write_mesh(tmp_path / "cup.obj", Mesh(1000 * cup.vertices, cup.faces))
     outcome = try_to_label(Task(tmp_path / "cup.obj", 0, 0), TRIALS, tmp_path)
     assert outcome.problem.startswith("cup.obj is ")
-    assert outcome.problem.endswith("Scale the mesh to metres.")
+    assert "as if it were in millimetres" in outcome.problem
+    assert "Scale it to metres" in outcome.problem
     assert not outcome.defect
 
 
