@@ -77,6 +77,8 @@ def show(results: Path, seed: int, camera: CameraModel, model: FingerModel, engi
                 recordings.append(Recording(f"{act.object_name}, {act.api}", cases[act.object_name]))
                 for _ in _play(act, recordings[-1], services, fingers[act.object_name], sensor):
                     live.update(live_table(recordings), refresh=True)
+    if not console.is_terminal:
+        _print(console, "")  # elsewhere the table ends without a line break
     _print(console, *(f"{recording.title}: {recording.end()}" for recording in recordings))
     _save_results(recordings, results, f"engine {engine}, {camera} camera, {model} finger, seed {seed}", console)
     _print(console, f"All of it took {time.monotonic() - started:.0f} s.")
