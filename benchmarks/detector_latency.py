@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pretouch_detector.model.encoding import Encoding
 from pretouch_detector.model.weights import FOLDER, Network, Weights
-from pretouch_detector.proposals import deep, propose, readiness, warm_up
+from pretouch_detector.proposals import deep, list_readiness, propose, warm_up
 
 from benchmarks.narf import views
 from pretouch.errors import Unavailable
@@ -54,16 +54,16 @@ class Recorder(Network):
 
     asked: list[Question] = field(default_factory=list)
 
-    def errors(self, encoding: Encoding, rectangles: ArrayLike, analytic: ArrayLike) -> Array:
-        inputs = (encoding.image[None], encoding.normalised(rectangles), np.asarray(analytic, dtype=np.float32))
+    def predict_errors(self, encoding: Encoding, rectangles: ArrayLike, analytic: ArrayLike) -> Array:
+        inputs = (encoding.image[None], encoding.normalise(rectangles), np.asarray(analytic, dtype=np.float32))
         self.asked.append(dict(zip(INPUTS, inputs, strict=True)))
-        return super().errors(encoding, rectangles, analytic)
+        return super().predict_errors(encoding, rectangles, analytic)
 
 
 def proposing(scenes: Sequence[Scene], repeats: int) -> dict[str, list[float]]:
     """ms of each request, for each proposer that is ready."""
     times: dict[str, list[float]] = {}
-    for proposer, reason in readiness():
+    for proposer, reason in list_readiness():
         if reason:
             print(f"{proposer} is not ready: {reason}")
             continue
@@ -97,11 +97,11 @@ def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, A
     Raises:
         Unavailable: the weights cannot be read, or torch cannot.
     """
-    network = deep.WEIGHTS.network()
+    network = deep.WEIGHTS.get_network()
     questions: list[Question] = []
     for scene in scenes:
         recorder = Recorder(network.session)
-        deep.propose_by(recorder, scene, Sensor(), REGIONS, np.random.default_rng(0))
+        deep.propose_with(recorder, scene, Sensor(), REGIONS, np.random.default_rng(0))
         questions += recorder.asked
 
     def ask(question: Question) -> Floats:

@@ -23,13 +23,13 @@ from typing import Any
 
 import numpy as np
 from pretouch_detector.proposals import narf, warm_up
-from pretouch_detector.proposals.narf.borders import borders
-from pretouch_detector.proposals.narf.change import change
-from pretouch_detector.proposals.narf.descriptor import descriptors
-from pretouch_detector.proposals.narf.interest import interest
-from pretouch_detector.proposals.narf.keypoints import keypoints
-from pretouch_detector.proposals.narf.range_image import range_image
-from pretouch_detector.proposals.narf.surface import surface
+from pretouch_detector.proposals.narf.borders import find_borders
+from pretouch_detector.proposals.narf.change import measure_change
+from pretouch_detector.proposals.narf.descriptor import describe_keypoints
+from pretouch_detector.proposals.narf.interest import compute_interest
+from pretouch_detector.proposals.narf.keypoints import find_keypoints
+from pretouch_detector.proposals.narf.range_image import make_range_image
+from pretouch_detector.proposals.narf.surface import fit_surface
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.objects import MAKERS
@@ -93,14 +93,14 @@ def views(count: int, folder: Path | None) -> list[tuple[str, Scene]]:
 def compare(name: str, question: Question, theirs: Answer) -> Agreement:
     """Our stages on the same image, every pixel's interest."""
     started = time.perf_counter()
-    image = range_image(question.depth, question.camera)
-    planes = surface(image)
-    found = borders(image, planes)
-    changes = change(image, planes, found)
+    image = make_range_image(question.depth, question.camera)
+    planes = fit_surface(image)
+    found = find_borders(image, planes)
+    changes = measure_change(image, planes, found)
     everywhere = np.ones(image.ranges.shape, np.bool_)
-    values = interest(image, changes, found.shadow | found.veil, everywhere, question.support)
-    pixels = keypoints(values, image.points, question.support)
-    described, _ = descriptors(image, pixels, question.support)
+    values = compute_interest(image, changes, found.shadow | found.veil, everywhere, question.support)
+    pixels = find_keypoints(values, image.points, question.support)
+    described, _ = describe_keypoints(image, pixels, question.support)
     seconds = time.perf_counter() - started
     ours = np.concatenate([image.points, values[..., None]], axis=-1)[tuple(pixels.T)]
     mine, other = _shared(ours, theirs.keypoints)

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from pretouch_detector.proposals import deep
-from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.proposals.information import predict_errors_after_scans
 from pretouch_detector.training.dataset import SIDES, Dataset, Example
 from pretouch_simulation.markdown import markdown_table
 
@@ -63,10 +63,10 @@ def rankings() -> dict[str, Ranking]:
     """The rankings that are ready."""
     ready: dict[str, Ranking] = {
         REGISTRAR: lambda example: example.predicted,
-        "stability": lambda example: remaining_error(example.scene, example.sensor, example.rectangles)[0],
+        "stability": lambda example: predict_errors_after_scans(example.scene, example.sensor, example.rectangles)[0],
     }
-    if not deep.reason_not_ready():
-        network = deep.WEIGHTS.network()
+    if not deep.explain_unready():
+        network = deep.WEIGHTS.get_network()
         ready["deep"] = lambda example: deep.predict_errors(network, example.scene, example.sensor, example.rectangles)
     return ready
 
@@ -81,7 +81,7 @@ def report(dataset: Dataset, side: str) -> str:
     outcomes: dict[str, list[Outcome]] = {name: [] for name in ready}
     seconds = dict.fromkeys(ready, 0.0)
     objects, mean, least = set(), [], []
-    for example in dataset.examples(side):
+    for example in dataset.read_examples(side):
         errors = example.scores.mean(axis=1)
         scanned = np.isfinite(errors)
         if scanned.sum() < LEAST:

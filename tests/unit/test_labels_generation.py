@@ -57,7 +57,7 @@ def test_every_rectangle_of_algorithm_1_keeps_all_its_scores(full: Example) -> N
 def test_pruning_finds_the_same_winner_with_the_same_scores(full: Example, tmp_path: Path) -> None:
     pruned = made(Task(6, 0, 0), replace(TRIALS, best_only=True), tmp_path)
     np.testing.assert_array_equal(pruned.rectangles, full.rectangles)
-    winner = int(np.argmin(full.achieved(worst=True)))
+    winner = int(np.argmin(full.compute_errors(worst=True)))
     np.testing.assert_array_equal(pruned.scores[winner], full.scores[winner])
     assert np.isnan(np.delete(pruned.scores, winner, axis=0)).all()
 
@@ -218,4 +218,4 @@ def test_an_outcome_without_a_problem_is_a_label(tmp_path: Path) -> None:
     dataset = Dataset.create(tmp_path, describe(TRIALS, ""))
     task = Task(0, 0, 0)
     assert try_to_label(task, TRIALS, tmp_path) == Outcome(task.name)
-    assert [path.stem for path in dataset.paths("train")] == [task.name]
+    assert [path.stem for path in dataset.list_paths("train")] == [task.name]

@@ -53,7 +53,7 @@ class ViewStatistics:
 
 def statistics_of(example: Example, side: str, worst: bool) -> ViewStatistics:
     """Of a view; `worst` as in `Example.achieved`."""
-    errors = example.achieved(worst)
+    errors = example.compute_errors(worst)
     unscannable = np.nan
     if not np.isnan(example.predicted).all():
         left = from_prior(Prior(), example.scene.cloud).expected_error
@@ -78,7 +78,9 @@ def statistics(dataset: Dataset) -> list[ViewStatistics]:
         NotFound: there is none.
         Malformed: a file is damaged.
     """
-    found = [statistics_of(example, side, dataset.by_worst) for side in SIDES for example in dataset.examples(side)]
+    found = [
+        statistics_of(example, side, dataset.by_worst) for side in SIDES for example in dataset.read_examples(side)
+    ]
     if not found:
         raise NotFound(f"{dataset.folder} holds no labelled view yet.", "Go on with `pretouch labels generate`.")
     return found
