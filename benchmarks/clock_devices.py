@@ -124,7 +124,7 @@ class FormerClock:
         return HostTime(host + device - at, round_trip / math.sqrt(12))
 
 
-def pinged(
+def ping_device(
     clock: PingClock | FormerClock,
     case: Case,
     seconds: float,

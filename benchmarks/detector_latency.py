@@ -60,14 +60,14 @@ class Recorder(Network):
         return super().predict_errors(encoding, rectangles, analytic)
 
 
-def proposing(scenes: Sequence[Scene], repeats: int) -> dict[str, list[float]]:
+def time_proposers(scenes: Sequence[Scene], repeats: int) -> dict[str, list[float]]:
     """ms of each request, for each proposer that is ready."""
     times: dict[str, list[float]] = {}
     for proposer, reason in list_readiness():
         if reason:
             print(f"{proposer} is not ready: {reason}")
             continue
-        times[proposer] = measured([_request(scene, proposer) for scene in scenes], repeats)
+        times[proposer] = time_calls([_request(scene, proposer) for scene in scenes], repeats)
     return times
 
 
@@ -79,7 +79,7 @@ def _request(scene: Scene, proposer: Proposer) -> Callable[[], object]:
     return request
 
 
-def measured(calls: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+def time_calls(calls: Sequence[Callable[[], object]], repeats: int) -> list[float]:
     """ms of each call, `repeats` times all in turn, after one that does not count."""
     calls[0]()
     times = []
@@ -109,7 +109,7 @@ def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, A
         return answer
 
     answers = [ask(question) for question in questions]
-    times = measured([partial(ask, question) for question in questions], repeats)
+    times = time_calls([partial(ask, question) for question in questions], repeats)
     torch_times, torch_answers = _by_torch(questions, repeats, folder)
     mine, theirs = (np.concatenate(each) for each in (answers, torch_answers))
     return {"onnxruntime": times, "torch": torch_times, "apart": float(np.abs(mine - theirs).max())}
@@ -152,7 +152,7 @@ def main() -> None:
     warm_up()
     command = shlex.join(["python", "-m", "benchmarks.detector_latency", *sys.argv[1:]])
     content: dict[str, Any] = {"command": command, "threads": THREADS, "views": len(scenes), "load": os.getloadavg()}
-    content["proposing_ms"] = proposing(scenes, options.repeats)
+    content["proposing_ms"] = time_proposers(scenes, options.repeats)
     for name, times in content["proposing_ms"].items():
         print(line(name, times))
     try:

@@ -169,7 +169,7 @@ class _Flow:
         if len(self._finger.pending) * self._period / len(self._frames[0]) > _HOPELESS * 1e9:
             self._count = len(self._stamps)
 
-    def sent(self) -> Sent:
+    def describe(self) -> Sent:
         self._finger.sequence = self._first + len(self._stamps)
         late = (self._taken_at - self.next_due + self._period) * 1e-9
         return Sent(self._first, np.array(self._stamps), late, self._held_back)
@@ -189,7 +189,7 @@ def _do(job: Job, fingers: Sequence[_Finger]) -> list[Sent]:
         due = min((flow.next_due for flow in flows if not flow.done), default=now)
         wait = max(_TICK, (due - time.monotonic_ns()) * 1e-9)
         _answer(select.select(fingers, [], [], wait)[0])
-    return [flow.sent() for flow in flows]
+    return [flow.describe() for flow in flows]
 
 
 def _answer(asked: Sequence[_Finger]) -> None:

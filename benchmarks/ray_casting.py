@@ -100,7 +100,7 @@ class Questions(NamedTuple):
 def measure(meshes: Iterable[Mesh] | None = None) -> dict[str, float]:
     """Milliseconds, ratios, and the largest differences of distances that both found."""
     asked = [(mesh, _questions(mesh)) for mesh in meshes or (make() for make in MAKERS.values())]
-    ours = {name: _timed(Ours, asked, name) for name in ("image", "scan", "closest")}
+    ours = {name: _time_caster(Ours, asked, name) for name in ("image", "scan", "closest")}
     figures = {f"ours {name} ms": milliseconds for name, (milliseconds, _) in ours.items()}
     for peer in (Open3D, Embreex):
         try:
@@ -110,7 +110,7 @@ def measure(meshes: Iterable[Mesh] | None = None) -> dict[str, float]:
             continue
         for name, (milliseconds, answers) in ours.items():
             try:
-                theirs, told = _timed(peer, asked, name)
+                theirs, told = _time_caster(peer, asked, name)
             except NotImplementedError:
                 continue
             figures[f"{peer.__name__} {name} ratio"] = theirs / milliseconds
@@ -142,7 +142,9 @@ def _questions(mesh: Mesh) -> Questions:
     return Questions(image, scan, points + rng.normal(0, _OFF_SURFACE, points.shape))
 
 
-def _timed(caster: Callable[[Mesh], Caster], asked: list[tuple[Mesh, Questions]], name: str) -> tuple[float, Array]:
+def _time_caster(
+    caster: Callable[[Mesh], Caster], asked: list[tuple[Mesh, Questions]], name: str
+) -> tuple[float, Array]:
     """Milliseconds a mesh, which include building the caster for an image alone, and all answers."""
     seconds, answers = [], []
     for mesh, questions in asked:

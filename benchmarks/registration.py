@@ -50,8 +50,8 @@ def measure(cases: list[RegistrationCase], repeats: int, pcl_folder: Path) -> di
         peers.write_cases(cases, file)
         runs: list[Callable[[], dict[str, peers.Result]]] = [
             lambda: peers.pcl(file, repeats, pcl_folder),
-            lambda: peers.in_child("open3d", file, repeats),
-            lambda: peers.in_child("small_gicp", file, repeats),
+            lambda: peers.run_in_child("open3d", file, repeats),
+            lambda: peers.run_in_child("small_gicp", file, repeats),
         ]
         for run in runs:
             try:
@@ -62,7 +62,7 @@ def measure(cases: list[RegistrationCase], repeats: int, pcl_folder: Path) -> di
     theirs = set(results)
     for name, prepare in _ours(Resources()).items():
         prepare(cases[0])()
-        answers = [peers.timed(prepare(case), repeats) for case in cases]
+        answers = [peers.time_match(prepare(case), repeats) for case in cases]
         results[name] = (np.array([seconds for seconds, _ in answers]), np.array([match for _, match in answers]))
     rows = [_row(name, result, cases) for name, result in results.items()]
     for row in rows:

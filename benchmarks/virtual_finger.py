@@ -93,7 +93,7 @@ class VirtualFinger:
         return b"".join(replies)
 
 
-def flipped(data: bytes, share: float, rng: np.random.Generator) -> bytes:
+def flip_bits(data: bytes, share: float, rng: np.random.Generator) -> bytes:
     """`data` with each bit flipped with probability `share`."""
     bits = np.unpackbits(np.frombuffer(data, dtype=np.uint8))
     return np.packbits(bits ^ (rng.random(len(bits)) < share)).tobytes()

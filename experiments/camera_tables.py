@@ -9,7 +9,7 @@ import numpy as np
 from pretouch_simulation.markdown import markdown_table
 
 from experiments.camera_residuals import SCALES, Residuals
-from experiments.camera_scenes import CAMERAS, View, of_camera
+from experiments.camera_scenes import CAMERAS, View, select_camera
 from pretouch.geometry import Array
 
 _MM = 1e3
@@ -23,7 +23,7 @@ def residual_table(views: Sequence[tuple[View, Residuals]]) -> str:
     headings = ["camera", "n", "mean: lowest to highest", "std", *_smoothed_headings()]
     lines = []
     for camera in CAMERAS:
-        found = of_camera(views, camera)
+        found = select_camera(views, camera)
         if not found:
             continue
         means = _MM * np.array([one.mean for one in found])
@@ -40,7 +40,7 @@ def edge_table(views: Sequence[tuple[View, Residuals]]) -> str:
     )
     lines = []
     for camera in CAMERAS:
-        found = of_camera(views, camera)
+        found = select_camera(views, camera)
         if not found:
             continue
         ridge, missing, eaten = (profile(found, name) for name in ("ridge", "missing", "eaten"))

@@ -105,10 +105,10 @@ def report(dataset: Dataset, side: str) -> str:
         raise InvalidInput(
             f"No view of the side {side} has {LEAST} scanned rectangles.", "Give a dataset of --kind scans."
         )
-    return _markdown(outcomes, seconds, side, len(objects), mean, least)
+    return _format_table(outcomes, seconds, side, len(objects), mean, least)
 
 
-def _markdown(
+def _format_table(
     outcomes: Mapping[str, list[Outcome]], seconds: Mapping[str, float], side: str, objects: int, mean: list[float],
     least: list[float],
 ) -> str:  # fmt: skip
@@ -132,13 +132,13 @@ def _markdown(
     for name, each in outcomes.items():
         first = 100 * np.mean([o.first for o in each])
         duration = "-" if name == REGISTRAR else f"{1000 * seconds[name] / n:.0f}"
-        registrar = "-" if name == REGISTRAR else _with_error([o.registrar for o in each])
-        achieved = _with_error([o.achieved for o in each])
+        registrar = "-" if name == REGISTRAR else _format_with_error([o.registrar for o in each])
+        achieved = _format_with_error([o.achieved for o in each])
         table.append([name, registrar, achieved, f"{first:.2f}", duration])
     return "\n".join([*lines, markdown_table(headings, table)])
 
 
-def _with_error(values: list[float]) -> str:
+def _format_with_error(values: list[float]) -> str:
     return f"{np.mean(values):.2f} ± {np.std(values) / np.sqrt(len(values)):.2f}"
 
 

@@ -145,8 +145,12 @@ def _write_results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Pat
     drawn = [scan for scan in SCANS_DRAWN if scan <= protocol.scans]
     engines = list(dict.fromkeys(setup.engine for setup in by_setup(runs)))
     meshes = len({run.mesh for run in runs})
-    lines = [f"## {part.title}\n", f"{meshes} objects, {len(part.tasks)} views.\n", by_scan(runs, reported).markdown()]
-    lines.append(f"### Truth in the stated regions\n\n{honesty_table(runs, reported).markdown()}")
+    lines = [
+        f"## {part.title}\n",
+        f"{meshes} objects, {len(part.tasks)} views.\n",
+        by_scan(runs, reported).to_markdown(),
+    ]
+    lines.append(f"### Truth in the stated regions\n\n{honesty_table(runs, reported).to_markdown()}")
     lines += [f"Failed: {run.mesh}, view {run.view}, {run.engine}: {run.problem}\n" for run in runs if run.problem]
     subject = engines[-1]
     objects: dict[str, Any] = {}

@@ -127,7 +127,7 @@ def _serve(
     try:
         asyncio.run(serve(name, service.load(), settings, until_stdin_closes=until_stdin_closes))
     except ModuleNotFoundError as error:
-        raise _missing(error, f"The {name}", name) from error
+        raise _explain_missing(error, f"The {name}", name) from error
 
 
 def _up(
@@ -202,7 +202,7 @@ def _healthcheck(
     raise typer.Exit(0 if answer.status == health_pb2.HealthCheckResponse.SERVING else 1)
 
 
-def _missing(error: ModuleNotFoundError, name: str, extra: str | None) -> Unavailable | ModuleNotFoundError:
+def _explain_missing(error: ModuleNotFoundError, name: str, extra: str | None) -> Unavailable | ModuleNotFoundError:
     """What to tell the user: the extra to install; `error` itself where none would help."""
     if extra is None or (error.name or "pretouch").startswith("pretouch"):
         return error
@@ -302,7 +302,7 @@ def main() -> None:
         _refuse(Unavailable(f"{error.filename or 'It'} cannot be used: {error.strerror or error}."))
     except ModuleNotFoundError as error:  # at import or only once the command runs
         for entry in entry_points(group="pretouch.commands", name=called or ""):
-            explained = _missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
+            explained = _explain_missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
             if isinstance(explained, PretouchError):
                 _refuse(explained)
         raise

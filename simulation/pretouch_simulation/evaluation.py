@@ -192,7 +192,7 @@ def _row(subject: Subject, protocol: Protocol, outcome: Outcome, scan: int, init
         initial_error=initial,
         error=case.error(correction),
         expected_error=estimate.expected_error,
-        covered=case.covered(estimate),
+        covered=case.is_covered_by(estimate),
         state=outcome.state.value,
         fraction=outcome.fraction,
         robot_seconds=outcome.robot_seconds,

@@ -49,7 +49,7 @@ def comparison_table(pairs: Sequence[Comparison], engine: str, other: str) -> st
         for pair in worse
     ]
     said = f"`{engine}` is worse than `{other}` on {len(worse)} of {len(pairs)} pairs of object and sensor."
-    return f"{said}\n\n{Table('', headings, tuple(cells)).markdown()}"
+    return f"{said}\n\n{Table('', headings, tuple(cells)).to_markdown()}"
 
 
 def _by_mesh(runs: Sequence[Run], scan: int) -> dict[str, Array]:

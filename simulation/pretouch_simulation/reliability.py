@@ -37,7 +37,7 @@ def binomial_band(n: int, levels: ArrayLike = LEVELS) -> tuple[Array, Array]:
     return binom.ppf(0.025, n, p) / n, binom.ppf(0.975, n, p) / n
 
 
-def binned(expected: ArrayLike, achieved: ArrayLike, bins: int = _BINS) -> tuple[Array, Array]:
+def average_in_bins(expected: ArrayLike, achieved: ArrayLike, bins: int = _BINS) -> tuple[Array, Array]:
     """Means of both, (k,) and (k,), over groups of equally many runs in the order of `expected` (n,)."""
     x, y = np.asarray(expected, dtype=np.float64), np.asarray(achieved, dtype=np.float64)
     groups = [group for group in np.array_split(np.argsort(x, kind="stable"), bins) if len(group)]
@@ -74,7 +74,9 @@ def save_expected_errors(runs: Sequence[Run], scans: Sequence[int], title: str, 
                 expected = _CM * np.array([row.expected_error for row in rows])
                 achieved = _CM * np.array([row.error for row in rows])
                 axes.scatter(expected, achieved, s=6, color=colour, alpha=0.35, linewidths=0)
-                axes.plot(*binned(expected, achieved), "o-", ms=5, color=colour, label=f"{_scans(scan)}, means")
+                axes.plot(
+                    *average_in_bins(expected, achieved), "o-", ms=5, color=colour, label=f"{_scans(scan)}, means"
+                )
         axes.set(xscale="log", yscale="log", xlim=(0.05, 5), ylim=(0.05, 5))
         ticks = (0.1, 0.2, 0.5, 1, 2, 5)
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])

@@ -61,7 +61,7 @@ def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
 
 
 def _rest_on(mesh: Mesh, down: Array) -> Mesh:
-    return mesh.moved(Pose.of(_rotation_down(down), np.zeros(3))).resting()
+    return mesh.moved(Pose.of(_rotate_down(down), np.zeros(3))).resting()
 
 
 def _outermost(vertices: Array) -> Array:
@@ -102,7 +102,7 @@ def _centre_of_mass(vertices: Array, hull: ConvexHull) -> Array:
 def _stands(vertices: Array, centre: Array, down: Array) -> bool:
     """Whether the centre of mass is above the support polygon of the vertices that are lowest towards `down`."""
     depth = vertices @ down
-    to_plane = _rotation_down(down)
+    to_plane = _rotate_down(down)
     foot = (vertices[depth > depth.max() - _CONTACT] @ to_plane.T)[:, :2]
     mass = (to_plane @ centre)[:2]
     try:
@@ -112,7 +112,7 @@ def _stands(vertices: Array, centre: Array, down: Array) -> bool:
     return bool((support.equations[:, :2] @ mass + support.equations[:, 2] < _SLACK).all())
 
 
-def _rotation_down(down: Array) -> Array:
+def _rotate_down(down: Array) -> Array:
     """A rotation that takes the unit vector `down` to -z."""
     z = -down
     x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])

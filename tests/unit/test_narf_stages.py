@@ -47,7 +47,7 @@ def changes(image: RangeImage, planes: Surface, found: Borders) -> Change:
 
 
 def test_points_are_those_of_the_camera(scene: Scene, image: RangeImage) -> None:
-    points = scene.camera.organised(scene.depth.metres)
+    points = scene.camera.back_project_image(scene.depth.metres)
     np.testing.assert_allclose(image.points, points, atol=1e-6)
     np.testing.assert_allclose(image.ranges, np.linalg.norm(points, axis=-1), rtol=1e-6)
 

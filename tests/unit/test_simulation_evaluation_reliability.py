@@ -11,7 +11,7 @@ from PIL import Image
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.reliability import (
     LEVELS,
-    binned,
+    average_in_bins,
     binomial_band,
     observed_shares,
     save_expected_errors,
@@ -46,7 +46,7 @@ def test_the_limit_of_the_95_percent_region_is_the_contracts() -> None:
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=40))
 def test_bins_keep_the_mean_and_the_order(pairs: list[tuple[float, float]]) -> None:
     expected, achieved = zip(*pairs, strict=True)
-    x, y = binned(expected, achieved, 5)
+    x, y = average_in_bins(expected, achieved, 5)
     assert (np.diff(x) >= 0).all()
     assert min(achieved) - 1e-12 <= y.min()
     assert y.max() <= max(achieved) + 1e-12

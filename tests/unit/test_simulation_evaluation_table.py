@@ -124,7 +124,7 @@ def test_a_terminal_and_markdown_hold_the_same_cells() -> None:
     Console(file=screen, width=200).print(*table.rich(200))
     shown = screen.getvalue().splitlines()[-2]
     assert [cell.strip() for cell in shown.strip("│").split("│")] == list(table.lines[0])
-    assert [cell.strip() for cell in table.markdown().splitlines()[-1].strip("|").split("|")] == list(table.lines[0])
+    assert [cell.strip() for cell in table.to_markdown().splitlines()[-1].strip("|").split("|")] == list(table.lines[0])
 
 
 @pytest.mark.parametrize("width", [40, 60, 80])

@@ -26,7 +26,7 @@ def stepped() -> Scene:
     """Both boxes are the object."""
     view = View()
     depth, _ = STEPPED.depth(view)
-    points = view.base_T_camera.apply(view.camera.organised(depth.metres))
+    points = view.base_T_camera.apply(view.camera.back_project_image(depth.metres))
     return Scene(depth, view.camera, view.base_T_camera, points[..., 2] > 0.005, STEPPED.table)
 
 

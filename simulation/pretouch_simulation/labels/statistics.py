@@ -52,7 +52,7 @@ class ViewStatistics:
 
 
 def statistics_of(example: Example, side: str, worst: bool) -> ViewStatistics:
-    """Of a view; `worst` as in `Example.achieved`."""
+    """Of a view; `worst` as in `Example.compute_errors`."""
     errors = example.compute_errors(worst)
     unscannable = np.nan
     if not np.isnan(example.predicted).all():

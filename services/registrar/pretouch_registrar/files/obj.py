@@ -6,7 +6,7 @@ import numpy as np
 
 from pretouch_registrar.files.polygons import fans
 from pretouch_registrar.files.shape import Shape, checked_shape
-from pretouch_registrar.files.text_rows import TextRows, flattened, with_line_feeds
+from pretouch_registrar.files.text_rows import TextRows, flatten, with_line_feeds
 
 
 def read_obj(name: str, data: bytes) -> Shape:
@@ -24,7 +24,7 @@ def read_obj(name: str, data: bytes) -> Shape:
             vertices.append(_vertex(rows, words[1:4]))
         elif words[0] == "f":
             polygons.append(_face(rows, words[1:], len(vertices)))
-    faces = fans(*flattened(polygons)) if polygons else None
+    faces = fans(*flatten(polygons)) if polygons else None
     return checked_shape(name, np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
 
 

@@ -7,7 +7,7 @@ import re
 from pretouch.errors import Malformed
 from pretouch_registrar.files.polygons import fans
 from pretouch_registrar.files.shape import Shape, checked_count, checked_shape
-from pretouch_registrar.files.text_rows import TextRows, flattened, with_line_feeds
+from pretouch_registrar.files.text_rows import TextRows, flatten, with_line_feeds
 
 _HEADER = re.compile(rb"(?:ST)?C?N?OFF\b")
 _COMMENT = re.compile(rb"#[^\n]*")
@@ -30,4 +30,4 @@ def read_off(name: str, data: bytes) -> Shape:
     vertices, faces = (checked_count(name, size) for size in sizes[:2])
     points = rows.columns(vertices, [0, 1, 2], "vertices")
     polygons = [rows.polygon(words) for words in rows.words(faces, "faces")]
-    return checked_shape(name, points, fans(*flattened(polygons)) if polygons else None)
+    return checked_shape(name, points, fans(*flatten(polygons)) if polygons else None)

@@ -40,9 +40,9 @@ def read_pcd(name: str, data: bytes) -> Shape:
         starts = np.cumsum([0, *counts])
         rows = TextRows(name, data, body)
         points = rows.columns(count, [int(starts[k]) for k in columns], "points")
-        remarks = (f"trailing lines ignored: {left}.",) if (left := rows.left()) else ()
+        remarks = (f"trailing lines ignored: {left}.",) if (left := rows.count_remaining()) else ()
     elif kind == "binary_compressed":
-        points = _columns_apart(_decompressed(name, data, body, dtype.itemsize * count), dtype, count, columns)
+        points = _columns_apart(_decompress(name, data, body, dtype.itemsize * count), dtype, count, columns)
     elif kind == "binary":
         there = (len(data) - body) // dtype.itemsize
         if there < count:
@@ -131,7 +131,7 @@ def _columns_apart(raw: bytes, dtype: np.dtype[np.void], count: int, columns: li
     )
 
 
-def _decompressed(name: str, data: bytes, at: int, wanted: int) -> bytes:
+def _decompress(name: str, data: bytes, at: int, wanted: int) -> bytes:
     packed, size = (int(n) for n in np.frombuffer(data.ljust(at + 8, b"\0"), "<u4", 2, at))
     if len(data) < at + 8 + packed:
         raise Malformed(f"{name} ends at byte {len(data)} of {at + 8 + packed}.", "Write the file again.")

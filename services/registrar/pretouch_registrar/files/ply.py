@@ -147,7 +147,7 @@ class _TextReader:
         )
 
     def remarks(self) -> tuple[str, ...]:
-        left = self._rows.left()
+        left = self._rows.count_remaining()
         return (f"trailing lines ignored: {left}.",) if left else ()
 
     def _count(self, word: str) -> int:

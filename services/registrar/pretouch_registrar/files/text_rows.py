@@ -79,7 +79,7 @@ class TextRows:
             raise cut_short(self.name, len(values), count, what)
         return values
 
-    def left(self) -> int:
+    def count_remaining(self) -> int:
         """How many lines that are not empty come after those that were read."""
         return sum(1 for _ in self)
 
@@ -158,7 +158,7 @@ class TextRows:
         raise Malformed(f"{self.name} cannot be read.", "Write the file again.")
 
 
-def flattened(polygons: list[list[int]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def flatten(polygons: list[list[int]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """How many corners each polygon has, and all of them one after the other."""
     counts = np.array([len(one) for one in polygons], dtype=np.int64)
     return counts, np.array([corner for one in polygons for corner in one], dtype=np.int64)

@@ -94,7 +94,7 @@ class ModuleCalibration:
         """m: the farthest distance that can be measured; infinite without crosstalk."""
         return 1 / math.sqrt(self.crosstalk) if self.crosstalk else math.inf
 
-    def reading(self, distance: Array) -> Array:
+    def predict_reading(self, distance: Array) -> Array:
         """What the module reads at these distances, m, without noise and steps; any shape."""
         return np.asarray(self.offset + self.scale * distance / (1 + self.crosstalk * distance * distance))
 
