@@ -46,7 +46,7 @@ Question = dict[str, Floats]
 
 @dataclass(frozen=True, eq=False)
 class Recorder(Network):
-    """A network that remembers what it was asked.
+    """A network that records its inputs.
 
     Attributes:
         asked: the graph's inputs of each question.
@@ -110,12 +110,12 @@ def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, A
 
     answers = [ask(question) for question in questions]
     times = time_calls([partial(ask, question) for question in questions], repeats)
-    torch_times, torch_answers = _by_torch(questions, repeats, folder)
+    torch_times, torch_answers = _time_torch(questions, repeats, folder)
     mine, theirs = (np.concatenate(each) for each in (answers, torch_answers))
     return {"onnxruntime": times, "torch": torch_times, "apart": float(np.abs(mine - theirs).max())}
 
 
-def _by_torch(questions: list[Question], repeats: int, folder: Path) -> tuple[list[float], list[Floats]]:
+def _time_torch(questions: list[Question], repeats: int, folder: Path) -> tuple[list[float], list[Floats]]:
     weights = folder / "scorer.safetensors"
     if importlib.util.find_spec("torch") is None or not weights.is_file():
         raise Unavailable("There is no torch, or no scorer.safetensors.", "Install pretouch[train].")

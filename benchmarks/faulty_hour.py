@@ -25,7 +25,7 @@ STEP = 0.01
 
 @dataclass
 class Listener:
-    """A subscriber that reads when it wants to, and what it got."""
+    """A subscriber with its own times of reading, and what it received."""
 
     subscription: SubscriptionQueue = field(default_factory=SubscriptionQueue)
     reads_again: float = 0.0
@@ -91,7 +91,7 @@ class Hour:
         self.slow.read(self.now)
 
     def unplug(self) -> None:
-        """Out within a frame; the board keeps its power and measures on."""
+        """Unplugged within a frame; the board keeps its power and goes on measuring."""
         frame = self._measure()
         self._hear(frame[: self.rng.integers(1, len(frame))])
         self._unplugged_until = self.now + self.rng.uniform(0.05, 3.0)
@@ -119,7 +119,7 @@ class Hour:
         self._silent_until = self.now + pause
 
     def another_board(self) -> None:
-        """Someone borrows the port for five seconds; the first board runs on, elsewhere."""
+        """Another board is on the port for five seconds; the first one keeps running."""
         self._swap_back = (self.now + 5.0, self.board)
         self._replug()
         self.boots += 1

@@ -93,7 +93,9 @@ class _Finger:
     """A board of `MODULES` modules whose clock is the host's steady one."""
 
     def __init__(self, number: int, rng: np.random.Generator) -> None:
-        self._master, self._slave = os.openpty()  # both held open here, so that no reader's end cuts the line
+        self._master, self._slave = (
+            os.openpty()
+        )  # both stay open here, so that a reader that ends does not hang up the line
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)

@@ -36,7 +36,7 @@ from pretouch_simulation.labels.view import view_of as seen_by_a_session
 from pretouch_simulation.mesh_folder import meshes_in
 
 from benchmarks import registration_peers as peers
-from benchmarks.registration import REFERENCE, shared_peers
+from benchmarks.registration import REFERENCE, find_shared_peers
 from benchmarks.registration_cases import RegistrationCase
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import PretouchError
@@ -227,7 +227,9 @@ def main() -> None:
     parser.add_argument("--rectangles", type=int, default=1000)
     parser.add_argument("--trials", type=int, default=10)
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--pcl", type=Path, default=shared_peers(), help="folder with PCL's bench.cpp and build.sh")
+    parser.add_argument(
+        "--pcl", type=Path, default=find_shared_peers(), help="folder with PCL's bench.cpp and build.sh"
+    )
     options = parser.parse_args()
     load = os.getloadavg()[0]
     scenes = _scenes(options.images, options.meshes)

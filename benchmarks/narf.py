@@ -169,7 +169,7 @@ def proposer_times(scenes: Sequence[tuple[str, Scene]]) -> list[float]:
 
 
 def report(rows: Sequence[Agreement], times: Sequence[float]) -> str:
-    """The figures of all images, a line each, and then what they come to."""
+    """The figures of all images, a line each, and then their summary."""
     form = "{:34}" + "{:>10}" * 14
     head = ("pixels", "scores", "classes", "change", "interest", "> 1e-3", "PCL's", "ours", "shared", "descr.")
     lines = [form.format("image", *head, "sparse: >", "shared", "ms", "PCL's")]

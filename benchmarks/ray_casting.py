@@ -19,7 +19,7 @@ from pretouch_simulation.fingers.spot import Spot
 from pretouch_simulation.mesh import Mesh, load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.objects import MAKERS
-from pretouch_simulation.protocol import CAMERA, looking_at
+from pretouch_simulation.protocol import CAMERA, look_at
 
 from benchmarks.open3d_loader import open3d
 from pretouch.errors import Unavailable
@@ -128,7 +128,7 @@ def measure(meshes: Iterable[Mesh] | None = None) -> dict[str, float]:
 def _questions(mesh: Mesh) -> Questions:
     rng = np.random.default_rng(0)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    base_T_camera = looking_at((low + high) / 2, 0.9, np.radians(45.0))
+    base_T_camera = look_at((low + high) / 2, 0.9, np.radians(45.0))
     v, u = np.indices((480, 640))
     rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], axis=-1).reshape(
         -1, 3

@@ -171,8 +171,8 @@ def _model_build(cases: list[RegistrationCase]) -> float:
     return 1000 * float(np.median(seconds))
 
 
-def shared_peers() -> Path:
-    """Where PCL's bench program is looked for unless told."""
+def find_shared_peers() -> Path:
+    """The default folder of PCL's bench program."""
     shared = os.environ.get("PRETOUCH_SHARED") or Path(__file__).resolve().parents[2] / "shared"
     return Path(shared) / "peers" / "pcl"
 
@@ -184,7 +184,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--meshes", type=Path, help="a folder of meshes instead of the objects made in code")
-    parser.add_argument("--pcl", type=Path, default=shared_peers(), help="folder of PCL's bench or bench.cpp")
+    parser.add_argument("--pcl", type=Path, default=find_shared_peers(), help="folder of PCL's bench or bench.cpp")
     parser.add_argument("--core", type=int, help="the processor to run on; default: the last one allowed")
     options = parser.parse_args()
     core = options.core if options.core is not None else max(os.sched_getaffinity(0))

@@ -43,7 +43,7 @@ def check_input(raw: bytes) -> None:
 
 
 def check(name: str, data: bytes, step: int) -> None:
-    """Checks the format `name` on `data`, heard at once and in pieces of `step` bytes, longer if they are too many.
+    """Checks the format `name` on `data`, fed at once and in pieces of `step` bytes, longer if they are too many.
 
     Raises:
         AssertionError: an invariant does not hold.
@@ -141,7 +141,7 @@ def _frame(body: bytes) -> bytes:
 
 
 def _measure_held(thing: object) -> int:
-    """Bytes that `thing` keeps, in all that it consists of."""
+    """Bytes that `thing` and everything in it hold."""
     if isinstance(thing, bytes | bytearray):
         return len(thing)
     if isinstance(thing, list | tuple | deque):

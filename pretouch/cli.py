@@ -279,7 +279,7 @@ def _app(called: str | None) -> typer.Typer:
     return app
 
 
-def _called_command() -> str | None:
+def _find_called_command() -> str | None:
     """The name of the command on the command line, or on the one that a shell wants completed."""
     line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS")
     words = sys.argv if line is None or "_PRETOUCH_COMPLETE" not in os.environ else line.split()
@@ -288,7 +288,7 @@ def _called_command() -> str | None:
 
 def main() -> None:
     """Runs the command line; an error is printed in two lines, with exit code 2 if what the user gave caused it."""
-    called = _called_command()
+    called = _find_called_command()
     try:
         _app(called)(prog_name="pretouch")
     except PretouchError as error:

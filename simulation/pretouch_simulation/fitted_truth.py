@@ -39,7 +39,7 @@ _SMALL = 1e-6
 """rad and m: the iteration stops at a smaller step."""
 
 
-def fitted_truth(case: Case) -> Pose:
+def fit_truth(case: Case) -> Pose:
     """D followed by the best fit: the `base_T_correction` of a case whose first body is the object."""
     return best_fit(case.truth.apply(case.cloud), case.world.bodies[0]) @ case.truth
 

@@ -3,7 +3,7 @@
 A frame is `<id>.json` with intrinsics, `depth_unit_m`, the names of its depth and label images, and its objects, each
 with `name`, `label`, `mesh` and `T_cam_obj`, 4x4, m, camera axes x right, y down, z forward.
 
-Frames without poses can be looked at all the same (`load_images`, `labelled_in`).
+Frames without poses can be looked at all the same (`load_images`, `list_labelled`).
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def load_images(path: Path) -> FrameImages:
     return FrameImages(depth, camera, labels)
 
 
-def labelled_in(path: Path) -> dict[int, str]:
+def list_labelled(path: Path) -> dict[int, str]:
     """The frame's objects: label in the label image, and name, empty where it has none.
 
     They are the `objects`; without any the `object_labels`; without those all that the label image holds but 0.

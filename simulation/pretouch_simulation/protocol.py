@@ -126,7 +126,7 @@ def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator, camer
     base_T_mesh = Pose.from_rotation_vector([0.0, 0.0, rng.uniform(-np.pi, np.pi)], PLACE)
     world = World([Body(resting, base_T_mesh)], TABLE)
     middle = PLACE + np.array([0.0, 0.0, world.bodies[0].mesh.extents[2] / 2])
-    true_camera = looking_at(middle, rng.uniform(*CAMERA_DISTANCE), rng.uniform(*CAMERA_PITCH))
+    true_camera = look_at(middle, rng.uniform(*CAMERA_DISTANCE), rng.uniform(*CAMERA_PITCH))
     image = camera.render(world, CAMERA, true_camera, rng)
     scored = (image.bodies == 0) & (image.depth.metres > 0)
     if not (scored.any() and image.mask.any()):
@@ -135,7 +135,7 @@ def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator, camer
     return Case(name, view, image.depth, CAMERA, truth.inverse() @ true_camera, image.mask, world, truth, scored)
 
 
-def looking_at(target: Array, distance: float, pitch: float) -> Pose:
+def look_at(target: Array, distance: float, pitch: float) -> Pose:
     """`base_T_camera` at `distance`, m, from `target` (3,), looking along base x and `pitch` rad down."""
     z = np.array([np.cos(pitch), 0.0, -np.sin(pitch)])
     x = np.array([0.0, -1.0, 0.0])

@@ -39,10 +39,10 @@ def stand(mesh: Mesh) -> Mesh:
     centre = _centre_of_mass(vertices, hull)
     if _stands(vertices, centre, np.array([0.0, 0.0, -1.0])):
         return mesh.resting()
-    return _rest_on(mesh, _resting_faces(vertices, hull, centre)[0])
+    return _rest_on(mesh, _find_resting_faces(vertices, hull, centre)[0])
 
 
-def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
+def find_resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
     """The mesh in up to `most` resting poses: that of `stand` first, then the likeliest after a drop.
 
     Poses that differ by a turn about the vertical alone, or by less than 20 degrees, count once.
@@ -54,7 +54,7 @@ def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
     vertices = _outermost(first.vertices)
     hull = ConvexHull(vertices)
     ways = [np.array([0.0, 0.0, -1.0])]
-    for down in _resting_faces(vertices, hull, _centre_of_mass(vertices, hull)):
+    for down in _find_resting_faces(vertices, hull, _centre_of_mass(vertices, hull)):
         if len(ways) < most and all(down @ way < _SAME_WAY for way in ways):
             ways.append(down)
     return [first, *(_rest_on(first, down) for down in ways[1:])][:most]
@@ -76,7 +76,7 @@ def _outermost(vertices: Array) -> Array:
     return np.asarray(vertices[order[np.append(np.diff(cells[order]) != 0, True)]])
 
 
-def _resting_faces(vertices: Array, hull: ConvexHull, centre: Array) -> list[Array]:
+def _find_resting_faces(vertices: Array, hull: ConvexHull, centre: Array) -> list[Array]:
     """Unit directions (3,) of the hull's faces on which the mesh stands, the largest solid angle first."""
     share: dict[tuple[float, ...], float] = {}
     faces: dict[tuple[float, ...], Array] = {}

@@ -20,7 +20,7 @@ from pretouch_simulation.labels.statistics import statistics, statistics_of, tab
 from pretouch_simulation.labels.task import Task
 from pretouch_simulation.mesh import Mesh
 from pretouch_simulation.objects import mug
-from pretouch_simulation.stable_pose import resting_poses
+from pretouch_simulation.stable_pose import find_resting_poses
 from rich.console import Console
 
 from pretouch.errors import NotFound
@@ -157,7 +157,7 @@ def test_a_fine_mesh_rests_as_a_coarse_one_does() -> None:
         corners += [((c + a) / 2, (b + c) / 2, c), ((a + b) / 2, (b + c) / 2, (c + a) / 2)]
         places = np.concatenate([np.stack(three, axis=1) for three in corners]).reshape(-1, 3)
         fine = Mesh(places, np.arange(len(places)).reshape(-1, 3))
-    for coarse_pose, fine_pose in zip(resting_poses(mesh, 3), resting_poses(fine, 3), strict=True):
+    for coarse_pose, fine_pose in zip(find_resting_poses(mesh, 3), find_resting_poses(fine, 3), strict=True):
         np.testing.assert_allclose(fine_pose.extents, coarse_pose.extents, atol=1e-6)
 
 

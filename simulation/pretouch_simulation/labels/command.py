@@ -28,7 +28,7 @@ from pretouch_simulation.labels.pictures import save_contact_sheet, save_statist
 from pretouch_simulation.labels.statistics import statistics, table
 from pretouch_simulation.labels.task import ViewTask, tasks_of
 from pretouch_simulation.mesh_folder import meshes_in
-from pretouch_simulation.split import mixing_key
+from pretouch_simulation.split import compute_mixing_key
 
 _FILE_WIDTH = 140
 
@@ -139,7 +139,7 @@ def _tasks(
     camera: CameraModel,
 ) -> list[ViewTask]:
     """Meshes in an order that mixes their sources, then what is made in code, then frames."""
-    files = sorted(meshes_in(meshes), key=lambda path: mixing_key(path.stem)) if meshes else []
+    files = sorted(meshes_in(meshes), key=lambda path: compute_mixing_key(path.stem)) if meshes else []
     seen: list[ViewTask] = [*frame_tasks(frames)] if frames else []
     return [*tasks_of(files, made_in_code, poses, views, camera), *seen] if files or made_in_code or not seen else seen
 

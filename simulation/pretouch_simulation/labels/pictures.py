@@ -15,7 +15,7 @@ from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
 from pretouch_simulation.labels.statistics import ViewStatistics
 from pretouch_simulation.reliability import save_small
-from pretouch_simulation.split import mixing_key
+from pretouch_simulation.split import compute_mixing_key
 
 _COLOURS = {"train": "#1b9e77", "validation": "#d95f02"}
 _BEST, _WORST = "#00d000", "#ff2020"
@@ -70,7 +70,7 @@ def _chosen(dataset: Dataset) -> list[tuple[str, Path]]:
     files = [(side, file) for side in SIDES for file in dataset.list_paths(side)]
     seen: dict[str, int] = {}
     order = []
-    for side, file in sorted(files, key=lambda one: mixing_key(one[1].stem)):
+    for side, file in sorted(files, key=lambda one: compute_mixing_key(one[1].stem)):
         thing = file.stem.partition("-")[0]
         seen[thing] = seen.get(thing, 0) + 1
         order.append((seen[thing], side, file))

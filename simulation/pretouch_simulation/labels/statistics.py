@@ -52,7 +52,7 @@ class ViewStatistics:
 
 
 def statistics_of(example: Example, side: str, worst: bool) -> ViewStatistics:
-    """Of a view; `worst` as in `Example.compute_errors`."""
+    """The statistics of a view; `worst` as in `Example.compute_errors`."""
     errors = example.compute_errors(worst)
     unscannable = np.nan
     if not np.isnan(example.predicted).all():
@@ -72,7 +72,7 @@ def _agreement(example: Example, worst: bool) -> float:
 
 
 def statistics(dataset: Dataset) -> list[ViewStatistics]:
-    """Of all views.
+    """The statistics of all views.
 
     Raises:
         NotFound: there is none.

@@ -14,7 +14,7 @@ _OBJECT = CHANNELS.index("object")
 
 
 def locate_object(image: Tensor) -> tuple[Tensor, Tensor]:
-    """Of the object in images (b, C, s, s), in LENGTH: its mean (b, 3), height, away, across, and rms radius (b,)."""
+    """The object's mean (b, 3), as height, away and across, and rms radius (b,), in LENGTH, of images (b, C, s, s)."""
     on = (image[:, _OBJECT] > 0.5).to(image.dtype)
     share = on / on.sum(dim=(1, 2), keepdim=True).clamp_min(1.0)
     places = image[:, _PLACES]
@@ -47,7 +47,7 @@ def predict_variances(arms: Tensor, directions: Tensor) -> Tensor:
 
 
 def invert(matrix: Tensor) -> Tensor:
-    """Of symmetric positive definite matrices (..., n, n), by Gauss and Jordan: ONNX has no operator for it."""
+    """Inverts symmetric positive definite matrices (..., n, n) by Gauss-Jordan: ONNX has no operator for it."""
     n = matrix.shape[-1]
     eye = torch.eye(n, dtype=matrix.dtype, device=matrix.device)
     work = torch.cat([matrix, eye.expand_as(matrix)], dim=-1)

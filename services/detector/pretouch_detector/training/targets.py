@@ -37,7 +37,7 @@ class Targets:
 
 
 def targets_of(example: Example, worst: bool) -> Targets:
-    """Of one view.
+    """The training data of one view.
 
     Args:
         worst: take a rectangle's worst trial, as in the paper, instead of the mean of its trials.

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.errors import Malformed
-from pretouch_registrar.files.shape import Shape, checked_count, checked_shape, cut_short
+from pretouch_registrar.files.shape import Shape, check_count, cut_short, make_shape
 from pretouch_registrar.files.text_rows import TextRows
 
 _LONGEST_HEADER = 64 * 1024
@@ -32,7 +32,7 @@ def read_pcd(name: str, data: bytes) -> Shape:
     if missing:
         raise Malformed(f"The points of {name} have no {', '.join(missing)}.", "Export points with coordinates.")
     columns = [fields.index(axis) for axis in "xyz"]
-    count = checked_count(name, _count(name, header))
+    count = check_count(name, _count(name, header))
     kind = " ".join(header["DATA"])
     dtype = np.dtype([(f"{k}", one, (n,)) for k, (one, n) in enumerate(zip(dtypes, counts, strict=True))])
     remarks: tuple[str, ...] = ()
@@ -52,7 +52,7 @@ def read_pcd(name: str, data: bytes) -> Shape:
         remarks = (f"trailing bytes ignored: {left}.",) if left else ()
     else:
         raise Malformed(f"{name} holds DATA {kind!r}.", "Write it as ascii, binary or binary_compressed.")
-    return checked_shape(name, points, None, _viewpoint(header), remarks)
+    return make_shape(name, points, None, _viewpoint(header), remarks)
 
 
 def _layout(name: str, header: dict[str, list[str]]) -> tuple[list[str], list[str], list[int]]:

@@ -63,7 +63,7 @@ def _curve(points: Sequence[Point], step: float) -> tuple[dict[str, float], dict
 
 
 def _name_parameters(numbers: Sequence[float]) -> dict[str, float]:
-    """With the digits that a person can make use of."""
+    """The parameters by name, rounded to significant digits."""
     digits = {"offset": 7, "scale": 6, "crosstalk": 4}
     return {name: round(float(number), places) for (name, places), number in zip(digits.items(), numbers, strict=False)}
 

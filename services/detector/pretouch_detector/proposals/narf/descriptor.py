@@ -24,7 +24,7 @@ _TURN, _STRAIGHT = np.float32(360) * _DEGREE, np.float32(180) * _DEGREE
 
 
 def describe_keypoints(image: RangeImage, pixels: NDArray[np.int64], support: float) -> tuple[Floats, Floats]:
-    """Of keypoints (n, 2) as (v, u).
+    """Descriptors and frames of keypoints (n, 2) as (v, u).
 
     Returns:
         (n, BEAMS) in [-0.5, 0.5]: a beam's mean rise of distance from the camera, near steps counting more, as
