@@ -83,7 +83,7 @@ CASES = {
 
 @dataclass
 class Run:
-    """What came of it, s: errors and stated deviations of frames' times, errors of the drift after each ping, ages.
+    """The result, s: errors and stated deviations of frames' times, errors of the drift after each ping, ages.
 
     A step is by how much a ping changed the time of its own moment, in deviations stated before.
     """
@@ -104,7 +104,7 @@ class Run:
 
 
 class FormerClock:
-    """What the gateway had before: the one recent ping with the least bound on its error, and no drift."""
+    """The gateway's former clock: the one recent ping with the least bound on its error, and no drift."""
 
     drift = 0.0
 
@@ -124,7 +124,7 @@ class FormerClock:
         return HostTime(host + device - at, round_trip / math.sqrt(12))
 
 
-def pinged(
+def ping_device(
     clock: PingClock | FormerClock,
     case: Case,
     seconds: float,

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pretouch_detector.model.encoding import Encoding
 from pretouch_detector.model.weights import FOLDER, Network, Weights
-from pretouch_detector.proposals import deep, propose, readiness, warm_up
+from pretouch_detector.proposals import deep, list_readiness, propose, warm_up
 
 from benchmarks.narf import views
 from pretouch.errors import Unavailable
@@ -46,7 +46,7 @@ Question = dict[str, Floats]
 
 @dataclass(frozen=True, eq=False)
 class Recorder(Network):
-    """A network that remembers what it was asked.
+    """A network that records its inputs.
 
     Attributes:
         asked: the graph's inputs of each question.
@@ -54,20 +54,20 @@ class Recorder(Network):
 
     asked: list[Question] = field(default_factory=list)
 
-    def errors(self, encoding: Encoding, rectangles: ArrayLike, analytic: ArrayLike) -> Array:
-        inputs = (encoding.image[None], encoding.normalised(rectangles), np.asarray(analytic, dtype=np.float32))
+    def predict_errors(self, encoding: Encoding, rectangles: ArrayLike, analytic: ArrayLike) -> Array:
+        inputs = (encoding.image[None], encoding.normalise(rectangles), np.asarray(analytic, dtype=np.float32))
         self.asked.append(dict(zip(INPUTS, inputs, strict=True)))
-        return super().errors(encoding, rectangles, analytic)
+        return super().predict_errors(encoding, rectangles, analytic)
 
 
-def proposing(scenes: Sequence[Scene], repeats: int) -> dict[str, list[float]]:
+def time_proposers(scenes: Sequence[Scene], repeats: int) -> dict[str, list[float]]:
     """ms of each request, for each proposer that is ready."""
     times: dict[str, list[float]] = {}
-    for proposer, reason in readiness():
+    for proposer, reason in list_readiness():
         if reason:
             print(f"{proposer} is not ready: {reason}")
             continue
-        times[proposer] = measured([_request(scene, proposer) for scene in scenes], repeats)
+        times[proposer] = time_calls([_request(scene, proposer) for scene in scenes], repeats)
     return times
 
 
@@ -79,7 +79,7 @@ def _request(scene: Scene, proposer: Proposer) -> Callable[[], object]:
     return request
 
 
-def measured(calls: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+def time_calls(calls: Sequence[Callable[[], object]], repeats: int) -> list[float]:
     """ms of each call, `repeats` times all in turn, after one that does not count."""
     calls[0]()
     times = []
@@ -97,11 +97,11 @@ def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, A
     Raises:
         Unavailable: the weights cannot be read, or torch cannot.
     """
-    network = deep.WEIGHTS.network()
+    network = deep.WEIGHTS.get_network()
     questions: list[Question] = []
     for scene in scenes:
         recorder = Recorder(network.session)
-        deep.propose_by(recorder, scene, Sensor(), REGIONS, np.random.default_rng(0))
+        deep.propose_with(recorder, scene, Sensor(), REGIONS, np.random.default_rng(0))
         questions += recorder.asked
 
     def ask(question: Question) -> Floats:
@@ -109,13 +109,13 @@ def networks(scenes: Sequence[Scene], repeats: int, folder: Path) -> dict[str, A
         return answer
 
     answers = [ask(question) for question in questions]
-    times = measured([partial(ask, question) for question in questions], repeats)
-    torch_times, torch_answers = _by_torch(questions, repeats, folder)
+    times = time_calls([partial(ask, question) for question in questions], repeats)
+    torch_times, torch_answers = _time_torch(questions, repeats, folder)
     mine, theirs = (np.concatenate(each) for each in (answers, torch_answers))
     return {"onnxruntime": times, "torch": torch_times, "apart": float(np.abs(mine - theirs).max())}
 
 
-def _by_torch(questions: list[Question], repeats: int, folder: Path) -> tuple[list[float], list[Floats]]:
+def _time_torch(questions: list[Question], repeats: int, folder: Path) -> tuple[list[float], list[Floats]]:
     weights = folder / "scorer.safetensors"
     if importlib.util.find_spec("torch") is None or not weights.is_file():
         raise Unavailable("There is no torch, or no scorer.safetensors.", "Install pretouch[train].")
@@ -152,7 +152,7 @@ def main() -> None:
     warm_up()
     command = shlex.join(["python", "-m", "benchmarks.detector_latency", *sys.argv[1:]])
     content: dict[str, Any] = {"command": command, "threads": THREADS, "views": len(scenes), "load": os.getloadavg()}
-    content["proposing_ms"] = proposing(scenes, options.repeats)
+    content["proposing_ms"] = time_proposers(scenes, options.repeats)
     for name, times in content["proposing_ms"].items():
         print(line(name, times))
     try:

@@ -15,7 +15,7 @@ from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.subscription_queue import SubscriptionQueue
 from pretouch_sensor_gateway.wire_formats.binary import BinaryParser
 
-from benchmarks.virtual_finger import VirtualFinger, flipped
+from benchmarks.virtual_finger import VirtualFinger, flip_bits
 
 EVERY = 20.0
 """Seconds from fault to fault."""
@@ -25,7 +25,7 @@ STEP = 0.01
 
 @dataclass
 class Listener:
-    """A subscriber that reads when it wants to, and what it got."""
+    """A subscriber with its own times of reading, and what it received."""
 
     subscription: SubscriptionQueue = field(default_factory=SubscriptionQueue)
     reads_again: float = 0.0
@@ -68,7 +68,7 @@ class Hour:
         self._cut_next = 0
         self._plugged = True
         self._starts = {1: 0.0}
-        self.pipeline.port_opened(0.0)
+        self.pipeline.on_port_opened(0.0)
 
     def run(self, seconds: float) -> None:
         """Passes the time; the last second is without faults, so that every gap is followed by a frame."""
@@ -91,7 +91,7 @@ class Hour:
         self.slow.read(self.now)
 
     def unplug(self) -> None:
-        """Out within a frame; the board keeps its power and measures on."""
+        """Unplugged within a frame; the board keeps its power and goes on measuring."""
         frame = self._measure()
         self._hear(frame[: self.rng.integers(1, len(frame))])
         self._unplugged_until = self.now + self.rng.uniform(0.05, 3.0)
@@ -119,7 +119,7 @@ class Hour:
         self._silent_until = self.now + pause
 
     def another_board(self) -> None:
-        """Someone borrows the port for five seconds; the first board runs on, elsewhere."""
+        """Another board is on the port for five seconds; the first one keeps running."""
         self._swap_back = (self.now + 5.0, self.board)
         self._replug()
         self.boots += 1
@@ -146,10 +146,10 @@ class Hour:
             self.board.skip_to(self.now)
         if self.now >= self._unplugged_until and not self._plugged:
             self._plugged = True
-            self.pipeline.port_opened(self.now)
+            self.pipeline.on_port_opened(self.now)
         elif self.now < self._unplugged_until and self._plugged:
             self._plugged = False
-            self.pipeline.port_closed()
+            self.pipeline.on_port_closed()
         if self._plugged and self.pipeline.next_send <= self.now:
             replies = self.board.answers(self.pipeline.take_outgoing(self.now), self.now)
             self.now += float(self.rng.lognormal(np.log(0.001), 0.5))
@@ -172,11 +172,11 @@ class Hour:
         if not self._plugged:
             return
         if self.now < self._flips_until:
-            data = flipped(data, 0.01, self.rng)
+            data = flip_bits(data, 0.01, self.rng)
         for batch in self.pipeline.feed(data, self.now, self.unix + self.now):
-            self._delivered(batch)
+            self._on_delivered(batch)
 
-    def _delivered(self, batch: RangeBatch) -> None:
+    def _on_delivered(self, batch: RangeBatch) -> None:
         self.delivered += len(batch)
         true = self.unix + self.board.time_of(batch.sequence.astype(np.float64))
         error = np.abs(batch.t - true).max()
@@ -185,8 +185,8 @@ class Hour:
             listener.subscription.put(batch)
 
     def _replug(self) -> None:
-        self.pipeline.port_closed()
-        self.pipeline.port_opened(self.now)
+        self.pipeline.on_port_closed()
+        self.pipeline.on_port_opened(self.now)
 
     def _new_board(self, boot: int, start: float, serial: str = "00000000000000aa") -> VirtualFinger:
         tick, drift = int(self.rng.integers(2**32)), float(self.rng.uniform(-50e-6, 50e-6))

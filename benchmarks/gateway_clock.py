@@ -7,7 +7,7 @@ import time
 import numpy as np
 from pretouch_sensor_gateway.clock.ping_clock import PingClock
 
-from benchmarks.clock_devices import CASES, START, Case, FormerClock, pinged
+from benchmarks.clock_devices import CASES, START, Case, FormerClock, ping_device
 
 SECONDS = 3600.0
 SILENCE = (1500.0, 2100.0)
@@ -18,8 +18,8 @@ def figures(case: Case) -> list[float]:
     """The row of a case: in ms, %, ppm, as the table's head says."""
     rows = []
     for seed in SEEDS:
-        run = pinged(PingClock(), case, SECONDS, seed, silence=SILENCE)
-        former = pinged(FormerClock(), case, SECONDS, seed, silence=SILENCE)
+        run = ping_device(PingClock(), case, SECONDS, seed, silence=SILENCE)
+        former = ping_device(FormerClock(), case, SECONDS, seed, silence=SILENCE)
         error, std = (
             np.concatenate(both) for both in zip(run.between(0, 1500), run.between(2110, SECONDS), strict=True)
         )

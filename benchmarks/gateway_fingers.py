@@ -93,7 +93,9 @@ class _Finger:
     """A board of `MODULES` modules whose clock is the host's steady one."""
 
     def __init__(self, number: int, rng: np.random.Generator) -> None:
-        self._master, self._slave = os.openpty()  # both held open here, so that no reader's end cuts the line
+        self._master, self._slave = (
+            os.openpty()
+        )  # both stay open here, so that a reader that ends does not hang up the line
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
@@ -169,7 +171,7 @@ class _Flow:
         if len(self._finger.pending) * self._period / len(self._frames[0]) > _HOPELESS * 1e9:
             self._count = len(self._stamps)
 
-    def sent(self) -> Sent:
+    def describe(self) -> Sent:
         self._finger.sequence = self._first + len(self._stamps)
         late = (self._taken_at - self.next_due + self._period) * 1e-9
         return Sent(self._first, np.array(self._stamps), late, self._held_back)
@@ -189,7 +191,7 @@ def _do(job: Job, fingers: Sequence[_Finger]) -> list[Sent]:
         due = min((flow.next_due for flow in flows if not flow.done), default=now)
         wait = max(_TICK, (due - time.monotonic_ns()) * 1e-9)
         _answer(select.select(fingers, [], [], wait)[0])
-    return [flow.sent() for flow in flows]
+    return [flow.describe() for flow in flows]
 
 
 def _answer(asked: Sequence[_Finger]) -> None:

@@ -80,7 +80,7 @@ def _highest(
 ) -> dict[str, Any]:
     why: list[str] = []
 
-    def held(rate: float, seconds: float) -> bool:
+    def holds(rate: float, seconds: float) -> bool:
         for _ in range(_TRIES):
             advance(f"rate of {name}: {rate:,.0f} Hz for {seconds:g} s")
             outcome = trial(rate, seconds)
@@ -90,13 +90,13 @@ def _highest(
         return False
 
     rate, most = search
-    while rate < most and held(2 * rate, probe):
+    while rate < most and holds(2 * rate, probe):
         rate *= 2
     above = rate if rate >= most else 2 * rate
     while above / rate > _RESOLUTION:
         middle = (rate * above) ** 0.5
-        rate, above = (middle, above) if held(middle, probe) else (rate, middle)
-    while not held(rate, seconds):
+        rate, above = (middle, above) if holds(middle, probe) else (rate, middle)
+    while not holds(rate, seconds):
         rate /= _STEP_DOWN
         if rate < search[0] / 2:
             raise RuntimeError(f"{name} holds no rate: {why[-1]}")

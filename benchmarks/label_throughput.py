@@ -36,7 +36,7 @@ from pretouch_simulation.labels.view import view_of as seen_by_a_session
 from pretouch_simulation.mesh_folder import meshes_in
 
 from benchmarks import registration_peers as peers
-from benchmarks.registration import REFERENCE, shared_peers
+from benchmarks.registration import REFERENCE, find_shared_peers
 from benchmarks.registration_cases import RegistrationCase
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import PretouchError
@@ -74,7 +74,7 @@ def measure(scenes: Sequence[Scene], rectangles: int, trials: int, threads: int)
                 for what in both:
                     _image(scene, 20, 2, matching, threads, np.random.default_rng(_SEED))[what]()
             for what, costs in both.items():
-                costs.append(_timed(run[what]))
+                costs.append(_time_run(run[what]))
         row: dict[str, Any] = {"engine": matching.name.lower()}
         for what, costs in both.items():
             row |= {f"{what} wall s": _mean(c.wall for c in costs), f"{what} cpu s": _mean(c.cpu for c in costs)}
@@ -83,16 +83,16 @@ def measure(scenes: Sequence[Scene], rectangles: int, trials: int, threads: int)
     return rows
 
 
-def grown(scene: Scene, threads: int) -> dict[str, list[dict[str, Any]]]:
+def measure_growth(scene: Scene, threads: int) -> dict[str, list[dict[str, Any]]]:
     """Costs by engine `paper` on one image as rectangles, trials and pixels grow."""
 
     def one(view: Scene, rectangles: int, trials: int, size: float) -> dict[str, Any]:
         run = _image(view, rectangles, trials, Matching.PAPER, threads, np.random.default_rng(_SEED))
-        costs = {what: asdict(_timed(run[what])) for what in ("all", "best")}
+        costs = {what: asdict(_time_run(run[what])) for what in ("all", "best")}
         print(f"{rectangles} rectangles, {trials} trials, {int(view.mask.sum())} pixels: {costs}", flush=True)
         return {"size": size, **costs}
 
-    finer = [_sampled(scene, share) for share in FINENESS]
+    finer = [_resample(scene, share) for share in FINENESS]
     return {
         "rectangles": [one(scene, n, 10, n) for n in RECTANGLES],
         "trials": [one(scene, FIXED_RECTANGLES, n, n) for n in TRIALS],
@@ -128,7 +128,7 @@ def _image(
 def _cases(scene: Scene, rng: np.random.Generator) -> Iterator[RegistrationCase]:
     """Points of trials as the kernels cut them out, in the camera's frame."""
     boxes, moves = draw_rectangles(scene, _PCL_MATCHES, rng), draw_offsets(_PCL_MATCHES, rng)
-    cloud = scene.camera.organised(scene.depth.metres)[scene.mask]
+    cloud = scene.camera.back_project_image(scene.depth.metres)[scene.mask]
     seen, centre = scene.camera.project(cloud), cloud.mean(axis=0)
     model, how = camera_model.build(scene), TrialSettings()
     for box, move in zip(boxes, moves, strict=True):
@@ -142,7 +142,7 @@ def _cases(scene: Scene, rng: np.random.Generator) -> Iterator[RegistrationCase]
             yield RegistrationCase("", noisy, target, np.zeros_like(target), truth.inverse(), model)
 
 
-def _sampled(scene: Scene, share: float) -> Scene:
+def _resample(scene: Scene, share: float) -> Scene:
     """The same view with `share` times the pixels along each side."""
     h, w = scene.mask.shape
     v = np.arange(int(h * share)) / share
@@ -153,7 +153,7 @@ def _sampled(scene: Scene, share: float) -> Scene:
     return Scene(DepthImage(scene.depth.metres[pick]), camera, scene.base_T_camera, scene.mask[pick], scene.table)
 
 
-def _timed(run: Callable[[], object]) -> Cost:
+def _time_run(run: Callable[[], object]) -> Cost:
     wall, cpu = time.perf_counter(), time.process_time()
     run()
     return Cost(time.perf_counter() - wall, time.process_time() - cpu)
@@ -176,7 +176,7 @@ def _scenes(count: int, folder: Path | None) -> list[Scene]:
     return scenes
 
 
-def markdown(document: dict[str, Any]) -> str:
+def format_document(document: dict[str, Any]) -> str:
     """The tables."""
     figures = ("all wall s", "best wall s", "all cpu s", "best cpu s")
     pcl = document["pcl s an image"]
@@ -227,7 +227,9 @@ def main() -> None:
     parser.add_argument("--rectangles", type=int, default=1000)
     parser.add_argument("--trials", type=int, default=10)
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--pcl", type=Path, default=shared_peers(), help="folder with PCL's bench.cpp and build.sh")
+    parser.add_argument(
+        "--pcl", type=Path, default=find_shared_peers(), help="folder with PCL's bench.cpp and build.sh"
+    )
     options = parser.parse_args()
     load = os.getloadavg()[0]
     scenes = _scenes(options.images, options.meshes)
@@ -249,13 +251,13 @@ def main() -> None:
         "pcl s an image": per_match * options.rectangles * options.trials / options.threads or None,
         "skipped": skipped,
         "rows": measure(scenes, options.rectangles, options.trials, options.threads),
-        "growth": grown(scenes[0], options.threads),
+        "growth": measure_growth(scenes[0], options.threads),
     }
     options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps(document, indent=1) + "\n")
-    options.json.with_suffix(".md").write_text(markdown(document))
+    options.json.with_suffix(".md").write_text(format_document(document))
     picture(document["growth"]).savefig(options.json.with_suffix(".png"), dpi=120)
-    print(markdown(document))
+    print(format_document(document))
 
 
 if __name__ == "__main__":

@@ -23,13 +23,13 @@ from typing import Any
 
 import numpy as np
 from pretouch_detector.proposals import narf, warm_up
-from pretouch_detector.proposals.narf.borders import borders
-from pretouch_detector.proposals.narf.change import change
-from pretouch_detector.proposals.narf.descriptor import descriptors
-from pretouch_detector.proposals.narf.interest import interest
-from pretouch_detector.proposals.narf.keypoints import keypoints
-from pretouch_detector.proposals.narf.range_image import range_image
-from pretouch_detector.proposals.narf.surface import surface
+from pretouch_detector.proposals.narf.borders import find_borders
+from pretouch_detector.proposals.narf.change import measure_change
+from pretouch_detector.proposals.narf.descriptor import describe_keypoints
+from pretouch_detector.proposals.narf.interest import compute_interest
+from pretouch_detector.proposals.narf.keypoints import find_keypoints
+from pretouch_detector.proposals.narf.range_image import make_range_image
+from pretouch_detector.proposals.narf.surface import fit_surface
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.objects import MAKERS
@@ -93,31 +93,39 @@ def views(count: int, folder: Path | None) -> list[tuple[str, Scene]]:
 def compare(name: str, question: Question, theirs: Answer) -> Agreement:
     """Our stages on the same image, every pixel's interest."""
     started = time.perf_counter()
-    image = range_image(question.depth, question.camera)
-    planes = surface(image)
-    found = borders(image, planes)
-    changes = change(image, planes, found)
+    image = make_range_image(question.depth, question.camera)
+    planes = fit_surface(image)
+    found = find_borders(image, planes)
+    changes = measure_change(image, planes, found)
     everywhere = np.ones(image.ranges.shape, np.bool_)
-    values = interest(image, changes, found.shadow | found.veil, everywhere, question.support)
-    pixels = keypoints(values, image.points, question.support)
-    described, _ = descriptors(image, pixels, question.support)
+    values = compute_interest(image, changes, found.shadow | found.veil, everywhere, question.support)
+    pixels = find_keypoints(values, image.points, question.support)
+    described, _ = describe_keypoints(image, pixels, question.support)
     seconds = time.perf_counter() - started
     ours = np.concatenate([image.points, values[..., None]], axis=-1)[tuple(pixels.T)]
-    mine, other = _shared(ours, theirs.keypoints)
-    _, kept = _shared(theirs.sparse_keypoints, theirs.keypoints)
+    mine, other = _match_keypoints(ours, theirs.keypoints)
+    _, kept = _match_keypoints(theirs.sparse_keypoints, theirs.keypoints)
     classes = (found.obstacle != theirs.obstacle).any(axis=0) | (found.shadow != theirs.shadow)
     return Agreement(
         image=name,
         pixels=values.size,
-        scores=max(_apart(found.first_scores, theirs.first_scores), _apart(found.scores, theirs.scores)),
+        scores=max(
+            _compute_difference(found.first_scores, theirs.first_scores),
+            _compute_difference(found.scores, theirs.scores),
+        ),
         classes=int((classes | (found.veil != theirs.veil)).sum()),
-        change=max(_apart(changes.scores, theirs.change), _apart(changes.directions, theirs.directions)),
-        interest=_apart(values, theirs.interest),
+        change=max(
+            _compute_difference(changes.scores, theirs.change),
+            _compute_difference(changes.directions, theirs.directions),
+        ),
+        interest=_compute_difference(values, theirs.interest),
         apart=int((np.abs(values - theirs.interest) > AGREES).sum()),
         keypoints=len(theirs.keypoints),
         ours=len(pixels),
         shared=len(mine),
-        descriptors=_apart(described[mine], np.where(theirs.described[:, None], theirs.descriptors, np.nan)[other]),
+        descriptors=_compute_difference(
+            described[mine], np.where(theirs.described[:, None], theirs.descriptors, np.nan)[other]
+        ),
         sparse_apart=int((np.abs(theirs.sparse - theirs.interest) > AGREES).sum()),
         sparse_keypoints=len(theirs.sparse_keypoints),
         sparse_shared=len(kept),
@@ -126,7 +134,7 @@ def compare(name: str, question: Question, theirs: Answer) -> Agreement:
     )
 
 
-def _shared(a: Floats, b: Floats) -> tuple[list[int], list[int]]:
+def _match_keypoints(a: Floats, b: Floats) -> tuple[list[int], list[int]]:
     """Which of the keypoints a (n, 4) and b (m, 4) are the same, as indices of both."""
     pairs = [
         (i, j) for i, p in enumerate(a) for j, q in enumerate(b)
@@ -135,7 +143,7 @@ def _shared(a: Floats, b: Floats) -> tuple[list[int], list[int]]:
     return [i for i, _ in pairs], [j for _, j in pairs]
 
 
-def _apart(a: Floats, b: Floats) -> float:
+def _compute_difference(a: Floats, b: Floats) -> float:
     """The largest absolute difference; nan only where just one of the two is unknown."""
     differences = np.where(np.isnan(a) & np.isnan(b), 0.0, np.abs(a - b))
     return float(differences.max(initial=0.0))
@@ -161,7 +169,7 @@ def proposer_times(scenes: Sequence[tuple[str, Scene]]) -> list[float]:
 
 
 def report(rows: Sequence[Agreement], times: Sequence[float]) -> str:
-    """The figures of all images, a line each, and then what they come to."""
+    """The figures of all images, a line each, and then their summary."""
     form = "{:34}" + "{:>10}" * 14
     head = ("pixels", "scores", "classes", "change", "interest", "> 1e-3", "PCL's", "ours", "shared", "descr.")
     lines = [form.format("image", *head, "sparse: >", "shared", "ms", "PCL's")]
@@ -177,16 +185,16 @@ def report(rows: Sequence[Agreement], times: Sequence[float]) -> str:
     def worst(name: str) -> str:
         return f"{max(getattr(row, name) for row in rows):.1e}"
 
-    def agreeing(name: str) -> str:
+    def format_share(name: str) -> str:
         return f"{100 * (1 - total(name) / total('pixels')):.4f} % of the pixels within {AGREES:g}"
 
     lines += [
         f"{len(rows)} images, {total('pixels')} pixels: border scores within {worst('scores')}, "
         f"{total('classes')} pixels of another class, change within {worst('change')}",
-        f"complete interest image: within {worst('interest')}, {agreeing('apart')}",
+        f"complete interest image: within {worst('interest')}, {format_share('apart')}",
         f"keypoints: {total('shared')} of PCL's {total('keypoints')} shared, {total('ours') - total('shared')} of ours "
         f"not; descriptors of the shared within {worst('descriptors')}",
-        f"PCL's sparse image against its complete one: {agreeing('sparse_apart')}, {total('sparse_shared')} of its "
+        f"PCL's sparse image against its complete one: {format_share('sparse_apart')}, {total('sparse_shared')} of its "
         f"{total('sparse_keypoints')} keypoints are the complete one's",
         f"all pixels: {total('ms'):.0f} ms, PCL {total('pcl_ms'):.0f} ms, ratio {total('pcl_ms') / total('ms'):.1f}",
         f"proposer on 640 x 480: median {np.median(times):.0f} ms, p95 {np.percentile(times, 95):.0f}, "

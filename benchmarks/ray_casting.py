@@ -19,7 +19,7 @@ from pretouch_simulation.fingers.spot import Spot
 from pretouch_simulation.mesh import Mesh, load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.objects import MAKERS
-from pretouch_simulation.protocol import CAMERA, looking_at
+from pretouch_simulation.protocol import CAMERA, look_at
 
 from benchmarks.open3d_loader import open3d
 from pretouch.errors import Unavailable
@@ -100,7 +100,7 @@ class Questions(NamedTuple):
 def measure(meshes: Iterable[Mesh] | None = None) -> dict[str, float]:
     """Milliseconds, ratios, and the largest differences of distances that both found."""
     asked = [(mesh, _questions(mesh)) for mesh in meshes or (make() for make in MAKERS.values())]
-    ours = {name: _timed(Ours, asked, name) for name in ("image", "scan", "closest")}
+    ours = {name: _time_caster(Ours, asked, name) for name in ("image", "scan", "closest")}
     figures = {f"ours {name} ms": milliseconds for name, (milliseconds, _) in ours.items()}
     for peer in (Open3D, Embreex):
         try:
@@ -110,7 +110,7 @@ def measure(meshes: Iterable[Mesh] | None = None) -> dict[str, float]:
             continue
         for name, (milliseconds, answers) in ours.items():
             try:
-                theirs, told = _timed(peer, asked, name)
+                theirs, told = _time_caster(peer, asked, name)
             except NotImplementedError:
                 continue
             figures[f"{peer.__name__} {name} ratio"] = theirs / milliseconds
@@ -128,7 +128,7 @@ def measure(meshes: Iterable[Mesh] | None = None) -> dict[str, float]:
 def _questions(mesh: Mesh) -> Questions:
     rng = np.random.default_rng(0)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    base_T_camera = looking_at((low + high) / 2, 0.9, np.radians(45.0))
+    base_T_camera = look_at((low + high) / 2, 0.9, np.radians(45.0))
     v, u = np.indices((480, 640))
     rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], axis=-1).reshape(
         -1, 3
@@ -142,7 +142,9 @@ def _questions(mesh: Mesh) -> Questions:
     return Questions(image, scan, points + rng.normal(0, _OFF_SURFACE, points.shape))
 
 
-def _timed(caster: Callable[[Mesh], Caster], asked: list[tuple[Mesh, Questions]], name: str) -> tuple[float, Array]:
+def _time_caster(
+    caster: Callable[[Mesh], Caster], asked: list[tuple[Mesh, Questions]], name: str
+) -> tuple[float, Array]:
     """Milliseconds a mesh, which include building the caster for an image alone, and all answers."""
     seconds, answers = [], []
     for mesh, questions in asked:

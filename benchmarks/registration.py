@@ -50,8 +50,8 @@ def measure(cases: list[RegistrationCase], repeats: int, pcl_folder: Path) -> di
         peers.write_cases(cases, file)
         runs: list[Callable[[], dict[str, peers.Result]]] = [
             lambda: peers.pcl(file, repeats, pcl_folder),
-            lambda: peers.in_child("open3d", file, repeats),
-            lambda: peers.in_child("small_gicp", file, repeats),
+            lambda: peers.run_in_child("open3d", file, repeats),
+            lambda: peers.run_in_child("small_gicp", file, repeats),
         ]
         for run in runs:
             try:
@@ -62,7 +62,7 @@ def measure(cases: list[RegistrationCase], repeats: int, pcl_folder: Path) -> di
     theirs = set(results)
     for name, prepare in _ours(Resources()).items():
         prepare(cases[0])()
-        answers = [peers.timed(prepare(case), repeats) for case in cases]
+        answers = [peers.time_match(prepare(case), repeats) for case in cases]
         results[name] = (np.array([seconds for seconds, _ in answers]), np.array([match for _, match in answers]))
     rows = [_row(name, result, cases) for name, result in results.items()]
     for row in rows:
@@ -171,8 +171,8 @@ def _model_build(cases: list[RegistrationCase]) -> float:
     return 1000 * float(np.median(seconds))
 
 
-def shared_peers() -> Path:
-    """Where PCL's bench program is looked for unless told."""
+def find_shared_peers() -> Path:
+    """The default folder of PCL's bench program."""
     shared = os.environ.get("PRETOUCH_SHARED") or Path(__file__).resolve().parents[2] / "shared"
     return Path(shared) / "peers" / "pcl"
 
@@ -184,7 +184,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--meshes", type=Path, help="a folder of meshes instead of the objects made in code")
-    parser.add_argument("--pcl", type=Path, default=shared_peers(), help="folder of PCL's bench or bench.cpp")
+    parser.add_argument("--pcl", type=Path, default=find_shared_peers(), help="folder of PCL's bench or bench.cpp")
     parser.add_argument("--core", type=int, help="the processor to run on; default: the last one allowed")
     options = parser.parse_args()
     core = options.core if options.core is not None else max(os.sched_getaffinity(0))

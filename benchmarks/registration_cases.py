@@ -71,7 +71,7 @@ def make_cases(count: int, seed: int = 0, meshes: Path | None = None) -> list[Re
     view = 0
     while len(cases) < count:
         for name, mesh in _meshes(meshes):
-            cases += _of_view(name, mesh, view, seed)
+            cases += _make_view_case(name, mesh, view, seed)
             if len(cases) >= count:
                 break
         view += 1
@@ -85,7 +85,7 @@ def _meshes(folder: Path | None) -> Iterator[tuple[str, Mesh]]:
         yield from ((path.stem, load_mesh(path)) for path in meshes_in(folder))
 
 
-def _of_view(name: str, mesh: Mesh, view: int, seed: int) -> list[RegistrationCase]:
+def _make_view_case(name: str, mesh: Mesh, view: int, seed: int) -> list[RegistrationCase]:
     case = make_case(name, mesh, view, seed)
     table = TABLE.moved(case.truth.inverse())
     scene, _ = Scene(case.depth, case.camera, case.base_T_camera, case.mask, table).cropped(_MARGIN)

@@ -61,7 +61,7 @@ def read_cases(path: Path) -> Iterator[tuple[Array, Array, Array]]:
         yield arrays[0], arrays[1], arrays[2]
 
 
-def timed(match: Callable[[], Array], repeats: int) -> tuple[float, Array]:
+def time_match(match: Callable[[], Array], repeats: int) -> tuple[float, Array]:
     """Median seconds of `match`, and what it answered."""
     seconds = []
     for _ in range(repeats):
@@ -71,7 +71,7 @@ def timed(match: Callable[[], Array], repeats: int) -> tuple[float, Array]:
     return float(np.median(seconds)), answer
 
 
-def in_child(peer: str, cases: Path, repeats: int) -> dict[str, Result]:
+def run_in_child(peer: str, cases: Path, repeats: int) -> dict[str, Result]:
     """The methods of `open3d` or `small_gicp`, by name.
 
     Raises:
@@ -172,7 +172,7 @@ def _main(peer: str, cases: str, repeats: str, out: str) -> None:
     methods = {"open3d": _open3d, "small_gicp": _small_gicp}[peer]()
     arrays: dict[str, Any] = {}
     for name, prepare in methods.items():
-        answers = [timed(prepare(*case), int(repeats)) for case in read_cases(Path(cases))]
+        answers = [time_match(prepare(*case), int(repeats)) for case in read_cases(Path(cases))]
         arrays[f"seconds {name}"] = np.array([seconds for seconds, _ in answers])
         arrays[f"matches {name}"] = np.array([match for _, match in answers])
     np.savez(out, **arrays)

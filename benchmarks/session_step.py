@@ -33,11 +33,11 @@ def measure() -> dict[str, float]:
     """Milliseconds over all scans of all objects made in code, and MB of each service."""
     cases = [make_case(name, maker(), 0, seed) for seed in SEEDS for name, maker in MAKERS.items()]
     with Services() as services:
-        served = np.concatenate([_served(services.rest, case) for case in cases])
+        served = np.concatenate([_time_served(services.rest, case) for case in cases])
         memory = _memory()
     registrar = Registrar()
     warm_up(registrar)
-    local = np.concatenate([asyncio.run(_in_process(case, registrar)) for case in cases])
+    local = np.concatenate([asyncio.run(_time_in_process(case, registrar)) for case in cases])
     figures = {"steps": float(len(served))}
     for name, seconds in (("services", served), ("in process", local)):
         for quantile in (50, 95):
@@ -46,7 +46,7 @@ def measure() -> dict[str, float]:
     return figures | memory
 
 
-def _served(url: str, case: Case) -> list[float]:
+def _time_served(url: str, case: Case) -> list[float]:
     """Seconds of each submitted scan of one session."""
     execute, steps = direct_finger(case, _FINGER), []
     with RestClient(url, timeout=60.0) as client:
@@ -59,7 +59,7 @@ def _served(url: str, case: Case) -> list[float]:
     return steps
 
 
-async def _in_process(case: Case, registrar: Registrar) -> list[float]:
+async def _time_in_process(case: Case, registrar: Registrar) -> list[float]:
     execute, steps = direct_finger(case, _FINGER), []
     loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.POSTERIOR, registrar))
     record = await loop.open("benchmark", 0.0, request_for(case, _FINGER.sensor), case.depth, case.mask)

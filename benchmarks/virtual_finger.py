@@ -58,11 +58,11 @@ class VirtualFinger:
         return self.start + self._paused + (sequence + 1) / self._rate
 
     def pause(self, seconds: float) -> None:
-        """It does not measure for so long; its clock goes on."""
+        """Measures nothing for so long; the clock goes on."""
         self._paused += seconds
 
     def skip_to(self, now: float) -> None:
-        """It has measured until `now`, and nobody was there."""
+        """Skips the measurements until `now`: they were made, but not read."""
         while self.next_due <= now:
             self.sent += 1
 
@@ -83,7 +83,7 @@ class VirtualFinger:
         return frame
 
     def answers(self, data: bytes, now: float) -> bytes:
-        """What it says to all that `data` asks."""
+        """The replies to the requests in `data`."""
         replies = []
         for message in self._decoder.feed(data):
             if isinstance(message, Ping):
@@ -93,7 +93,7 @@ class VirtualFinger:
         return b"".join(replies)
 
 
-def flipped(data: bytes, share: float, rng: np.random.Generator) -> bytes:
+def flip_bits(data: bytes, share: float, rng: np.random.Generator) -> bytes:
     """`data` with each bit flipped with probability `share`."""
     bits = np.unpackbits(np.frombuffer(data, dtype=np.uint8))
     return np.packbits(bits ^ (rng.random(len(bits)) < share)).tobytes()

@@ -3,7 +3,7 @@
     python -m experiments.camera_floor MESHES [--limit 20] [--seed 0]
 
 A depth camera's surface is off by millimetres, rigid in part. The camera's points of each validation mesh, at their
-true place, are fitted onto the true mesh (`fitted_truth`), as if a finger had measured all of it without error. The
+true place, are fitted onto the true mesh (`fit_truth`), as if a finger had measured all of it without error. The
 motion that this takes is a lower bound for any registration of the image. The views are those of `pretouch evaluate
 --split validation --views 1`. Fitted with a prior of 3 mm and 1 deg, the bound is a low estimate.
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from pretouch_simulation.depth_cameras import CameraModel
-from pretouch_simulation.fitted_truth import fitted_truth
+from pretouch_simulation.fitted_truth import fit_truth
 from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _measure_floors(paths: list[Path], seed: int, camera: CameraModel) -> list[float]:
     cases = (make_case(path.stem, load_mesh(path), 0, seed, camera) for path in paths)
-    return [case.error(fitted_truth(case)) for case in track(cases, f"{camera}", total=len(paths))]
+    return [case.error(fit_truth(case)) for case in track(cases, f"{camera}", total=len(paths))]
 
 
 if __name__ == "__main__":

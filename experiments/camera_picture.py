@@ -9,7 +9,7 @@ import numpy as np
 from pretouch_simulation.reliability import save_small
 
 from experiments.camera_residuals import REACH, SCALES, Residuals
-from experiments.camera_scenes import CAMERAS, View, of_camera
+from experiments.camera_scenes import CAMERAS, View, select_camera
 from experiments.camera_tables import profile
 
 _SPAN = 8.0
@@ -44,7 +44,7 @@ def save_picture(
     levels, ridge, missing = bottom.subplots(1, 3)
     away = np.arange(1, REACH + 1)
     for camera, colour in zip(CAMERAS, _COLOURS, strict=True):
-        found = of_camera(views, camera)
+        found = select_camera(views, camera)
         stds = _MM * np.array([[one.std, *one.smoothed] for one in found]).mean(axis=0)
         levels.plot([0.5, *SCALES], stds, "o-", color=colour, label=camera)
         ridge.plot(away, _MM * profile(found, "ridge"), color=colour)

@@ -87,7 +87,7 @@ def residuals(truth: Truth, measured: Array, mask: Mask, body: int = 0) -> Resid
         pixels=int(near.sum()),
         mean=float(values.mean()),
         std=float(values.std()),
-        smoothed=np.array([smoothed(residual, near, scale)[near].std() for scale in SCALES]),
+        smoothed=np.array([smooth(residual, near, scale)[near].std() for scale in SCALES]),
         ridge=_ridge_profile(truth, of_object, near & (inside > _MARGIN), residual),
         missing=_profile(from_far, of_object, measured == 0),
         eaten=_profile(from_far, of_object, (measured > 0) & (residual > NEAR)),
@@ -96,7 +96,7 @@ def residuals(truth: Truth, measured: Array, mask: Mask, body: int = 0) -> Resid
     )
 
 
-def smoothed(values: Array, where: Mask, scale: float) -> Array:
+def smooth(values: Array, where: Mask, scale: float) -> Array:
     """(h, w): the mean of `values` weighted by a Gaussian of `scale` px, of those `where` alone."""
     weights = ndimage.gaussian_filter(where.astype(np.float64), scale)
     return np.asarray(ndimage.gaussian_filter(np.where(where, values, 0.0), scale) / np.maximum(weights, 1e-9))

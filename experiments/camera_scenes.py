@@ -16,7 +16,7 @@ from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.world import World
 from scipy import ndimage
 
-from experiments.camera_residuals import NEAR, SCALES, Mask, Residuals, Truth, residuals, smoothed, truth_of
+from experiments.camera_residuals import NEAR, SCALES, Mask, Residuals, Truth, residuals, smooth, truth_of
 from pretouch.camera import Camera
 from pretouch.geometry import Array, Plane, Pose
 
@@ -104,16 +104,16 @@ def table_stds(path: Path) -> dict[str, Array]:
 
 def _table(truth: Truth, measured: Array, inside: Mask, camera: Camera) -> Array:
     counted = inside & (measured > 0) & (np.abs(measured - truth.depth) < NEAR)
-    points = camera.organised(measured)[counted]
+    points = camera.back_project_image(measured)[counted]
     spread, axes = np.linalg.eigh(np.cov(points.T))
     v, u = np.nonzero(counted)
     rays = camera.back_project(np.stack([u, v], axis=-1), np.ones(len(u)))
     residual = np.zeros(measured.shape)
     residual[counted] = measured[counted] - (points.mean(axis=0) @ axes[:, 0]) / (rays @ axes[:, 0])
-    levels = [smoothed(residual, counted, scale)[counted].std() for scale in SCALES]
+    levels = [smooth(residual, counted, scale)[counted].std() for scale in SCALES]
     return np.array([residual[counted].std(), *levels, np.sqrt(spread[0])])
 
 
-def of_camera(views: Sequence[tuple[View, Residuals]], camera: str) -> list[Residuals]:
+def select_camera(views: Sequence[tuple[View, Residuals]], camera: str) -> list[Residuals]:
     """Those of one camera."""
     return [found for view, found in views if view.camera == camera]

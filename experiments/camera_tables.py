@@ -9,7 +9,7 @@ import numpy as np
 from pretouch_simulation.markdown import markdown_table
 
 from experiments.camera_residuals import SCALES, Residuals
-from experiments.camera_scenes import CAMERAS, View, of_camera
+from experiments.camera_scenes import CAMERAS, View, select_camera
 from pretouch.geometry import Array
 
 _MM = 1e3
@@ -20,10 +20,10 @@ _EDGE_AT = (1, 3, 5, 8, 12)
 
 def residual_table(views: Sequence[tuple[View, Residuals]]) -> str:
     """Mean over the objects, in mm."""
-    headings = ["camera", "n", "mean: lowest to highest", "std", *_smoothed_headings()]
+    headings = ["camera", "n", "mean: lowest to highest", "std", *_make_smoothed_headings()]
     lines = []
     for camera in CAMERAS:
-        found = of_camera(views, camera)
+        found = select_camera(views, camera)
         if not found:
             continue
         means = _MM * np.array([one.mean for one in found])
@@ -40,7 +40,7 @@ def edge_table(views: Sequence[tuple[View, Residuals]]) -> str:
     )
     lines = []
     for camera in CAMERAS:
-        found = of_camera(views, camera)
+        found = select_camera(views, camera)
         if not found:
             continue
         ridge, missing, eaten = (profile(found, name) for name in ("ridge", "missing", "eaten"))
@@ -62,7 +62,7 @@ def edge_table(views: Sequence[tuple[View, Residuals]]) -> str:
 
 def plane_table(planes: Sequence[Mapping[str, Array]]) -> str:
     """Medians over the scenes, in mm."""
-    headings = ["camera", "n", "std along z", *_smoothed_headings(), "across"]
+    headings = ["camera", "n", "std along z", *_make_smoothed_headings(), "across"]
     lines = []
     for camera in CAMERAS:
         values = _MM * np.median([plane[camera] for plane in planes], axis=0)
@@ -85,6 +85,6 @@ def _numbers(values: Array) -> list[str]:
     return [f"{value:.1f}" for value in values]
 
 
-def _smoothed_headings() -> list[str]:
+def _make_smoothed_headings() -> list[str]:
     first, *others = (f"{scale} px" for scale in SCALES)
     return [f"smoothed: {first}", *others]

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from pretouch_detector.proposals import readiness
+from pretouch_detector.proposals import list_readiness
 from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.workers import run_in_workers
 from rich.console import Console
@@ -29,7 +29,7 @@ def split_by_readiness(wanted: Iterable[Proposer]) -> tuple[list[Proposer], dict
     Raises:
         Unavailable: none can.
     """
-    reasons = dict(readiness())
+    reasons = dict(list_readiness())
     wanted = list(wanted)
     missing = {proposer.value: reasons[proposer] for proposer in wanted if reasons[proposer]}
     usable = [proposer for proposer in wanted if not reasons[proposer]]

@@ -20,7 +20,7 @@ from pretouch_simulation.protocol import TABLE, generator
 from pretouch_simulation.world import World
 
 from experiments.command_line import command_of, run_or_exit
-from experiments.fingers_picture import facing_down, save_picture
+from experiments.fingers_picture import face_down, save_picture
 from experiments.folders import RESULTS, SHARED
 from pretouch.errors import NotFound
 from pretouch.geometry import Array
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def read_zones(folder: Path) -> Array:
     """(9, d), m: each of the TMF8820's zones' reading minus the arm's distance, at `DISTANCES`."""
-    captures = json.loads(_existing(folder / "tmf8820_plane.json").read_text())
+    captures = json.loads(_check_exists(folder / "tmf8820_plane.json").read_text())
     by_distance = {round(1000 * capture["dist_to_plane"]): capture["distances"][0]["depths_1"] for capture in captures}
     depths = np.array([by_distance[round(1000 * distance)] for distance in DISTANCES], dtype=np.float64).T / 1000
     return np.asarray(np.where(depths > 0, depths, np.nan) - DISTANCES, dtype=np.float64)
@@ -102,10 +102,10 @@ def read_zones(folder: Path) -> Array:
 
 def read_static(folder: Path) -> Array:
     """(n,), m: the VL53L0X's readings of one hour at 50 Hz."""
-    return np.asarray(np.loadtxt(_existing(folder / "vl53l0x_static_1h.csv"), skiprows=3) / 1000, dtype=np.float64)
+    return np.asarray(np.loadtxt(_check_exists(folder / "vl53l0x_static_1h.csv"), skiprows=3) / 1000, dtype=np.float64)
 
 
-def _existing(path: Path) -> Path:
+def _check_exists(path: Path) -> Path:
     if not path.is_file():
         raise NotFound(f"There is no {path}.", "Give --ranges, or set PRETOUCH_SHARED.")
     return path
@@ -149,7 +149,7 @@ def trimmed_mean(readings: Array) -> Array:
 
 
 def _measure(finger: Finger, distances: Array, rng: np.random.Generator) -> Array:
-    ranges, _ = finger.measure(World([], TABLE), facing_down(np.zeros(len(distances)), distances), rng)
+    ranges, _ = finger.measure(World([], TABLE), face_down(np.zeros(len(distances)), distances), rng)
     return ranges
 
 

@@ -26,7 +26,7 @@ _SCANS = 25
 _MM = 1000.0
 
 
-def facing_down(x: Array, z: Array) -> Array:
+def face_down(x: Array, z: Array) -> Array:
     """Poses (n, 4, 4) of a module at (x, 0, z), m, its beam straight down."""
     poses = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (len(x), 1, 1))
     poses[:, 0, 3], poses[:, 2, 3] = x, z
@@ -84,7 +84,7 @@ def _draw_scan(axes: Any, world: World, fingers: Mapping[str, Finger], title: st
     surface = TIP - world.cast(np.stack([x, np.zeros_like(x), np.full_like(x, TIP)], axis=1), down)
     axes.fill_between(_MM * x, _MM * surface, -5, color="0.85", lw=0)
     for k, (name, finger) in enumerate(fingers.items()):
-        poses, rng = facing_down(x, np.full_like(x, TIP)), generator("scan", name)
+        poses, rng = face_down(x, np.full_like(x, TIP)), generator("scan", name)
         ranges = np.stack([finger.measure(world, poses, rng)[0] for _ in range(_SCANS)])
         there = np.isfinite(ranges).mean(axis=0) > 0.5
         shown = np.nanmedian(np.where(there, ranges, 0.0), axis=0)

@@ -182,7 +182,7 @@ def propose_first(scene: Scene, proposer: Proposer, sensor: Sensor, count: int) 
 
 def _run(job: Job) -> dict[str, Any]:
     view = load_view(job.target, job.seed)
-    sensor = _scoring(job).finger.sensor
+    sensor = _make_scoring(job).finger.sensor
     ask = job.subject == CANDIDATES and job.setup != PAPER
     if job.subject == ALGORITHM_1:
         regions = _best_by_labels(view.scene, job)
@@ -209,7 +209,7 @@ def _best_by_labels(scene: Scene, job: Job) -> list[ProposedRegion]:
     return [ProposedRegion(RotatedRectangle(*ranked[k]), 0.5) for k in suppress_overlapping(ranked, job.count)]
 
 
-def _scoring(job: Job) -> scans.Scoring:
+def _make_scoring(job: Job) -> scans.Scoring:
     model = FingerModel.IDEAL if job.setup == PAPER else FingerModel(job.setup)
     return scans.Scoring(finger=realise(model, generator("finger-model", job.seed, job.target.name)))
 
@@ -224,7 +224,7 @@ def _scan_rectangles(
 ) -> tuple[Array, Array, int]:
     """Errors (r, o), m, the predicted errors (r,), m, and how many rectangles have no path."""
     errors = np.full((len(rectangles), job.offsets), np.nan)
-    scoring = _scoring(job)
+    scoring = _make_scoring(job)
     paths = [None] * len(rectangles) if job.setup == PAPER else scans.paths_of(view, rectangles, scoring)
     for o, truth in enumerate(_truths(view, job)):
         for k, rectangle in enumerate(rectangles):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.one_scan import CANDIDATES, Row
-from experiments.oracle import chance, gap_closed, hindsight, oracle, ranked
+from experiments.oracle import average_best, chance, compute_gap_closed, hindsight, oracle
 from pretouch.geometry import Array
 
 LARGE = 0.01
@@ -101,7 +101,7 @@ def ends(rows: Sequence[Row]) -> Ends | None:
     scanned = [row for row in rows if row.subject == CANDIDATES and row.errors]
     if not scanned:
         return None
-    predicted = [ranked(row.errors, row.predicted) for row in scanned if row.predicted]
+    predicted = [average_best(row.errors, row.predicted) for row in scanned if row.predicted]
     return Ends(
         targets=len(scanned),
         chance=_mean([chance(row.errors) for row in scanned]),
@@ -155,8 +155,8 @@ def _gaps(rows: Sequence[Row], given: Sequence[Row]) -> tuple[float, float]:
     scanned = {row.target for row in rows if row.subject == CANDIDATES and row.errors}
     achieved = _mean([float(np.mean(row.errors)) for row in given if row.target in scanned])
     return (
-        gap_closed(between.chance, achieved, between.oracle),
-        gap_closed(between.chance, achieved, between.hindsight),
+        compute_gap_closed(between.chance, achieved, between.oracle),
+        compute_gap_closed(between.chance, achieved, between.hindsight),
     )
 
 

@@ -9,7 +9,7 @@ from pretouch_simulation.markdown import markdown_table
 
 from experiments.one_scan import CANDIDATES, PAPER, Row
 from experiments.one_scan_figures import Cell, cells, ends, initial, overall
-from experiments.oracle import BEST, gap_closed
+from experiments.oracle import BEST, compute_gap_closed
 
 PAPER_TABLE: dict[str, dict[str, tuple[float, float]]] = {
     name: {"random": random, "narf": narf, "deep": deep}
@@ -131,7 +131,7 @@ def _oracle(rows: Sequence[Row]) -> list[str]:
         "",
     ]
     table = [
-        [name, _cm(error), _share(gap_closed(between.chance, error, between.oracle))]
+        [name, _cm(error), _share(compute_gap_closed(between.chance, error, between.oracle))]
         for name, error in chosen
         if not math.isnan(error)
     ]

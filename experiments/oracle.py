@@ -39,16 +39,16 @@ def hindsight(errors: ArrayLike, best: int = BEST) -> float:
     return _chosen(every, every, best)
 
 
-def ranked(errors: ArrayLike, by: ArrayLike, best: int = BEST) -> float:
+def average_best(errors: ArrayLike, by: ArrayLike, best: int = BEST) -> float:
     """m: mean error of the `best` candidates of (c, o) in the order of `by` (c,), the least first."""
     chosen = np.argsort(np.asarray(by), kind="stable")[:best]
     return float(np.asarray(errors, dtype=np.float64)[chosen].mean())
 
 
-def gap_closed(random: float, achieved: float, best: float) -> float:
+def compute_gap_closed(random: float, achieved: float, best: float) -> float:
     """The share of the way from `random` to `best` that `achieved` goes; NaN if `best` is no better than `random`."""
     return (random - achieved) / (random - best) if random > best else math.nan
 
 
 def _chosen(by: Array, held_out: Array, best: int) -> float:
-    return ranked(held_out, by.mean(axis=1), best)
+    return average_best(held_out, by.mean(axis=1), best)

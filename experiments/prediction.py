@@ -137,7 +137,7 @@ def run(arguments: argparse.Namespace) -> None:
         "rows": [asdict(comparison) for comparison in comparisons],
     }
     (arguments.out / "prediction.json").write_text(json.dumps(content) + "\n")
-    table = markdown(comparisons, arguments.split, arguments.seed)
+    table = format_table(comparisons, arguments.split, arguments.seed)
     (arguments.out / "prediction.md").write_text(table)
     print(table)
 
@@ -243,7 +243,7 @@ def sessions(view: View, stage: int, offsets: int, seed: int) -> Iterable[Sessio
         yield session
 
 
-def markdown(comparisons: Sequence[Comparison], split: Split, seed: int) -> str:
+def format_table(comparisons: Sequence[Comparison], split: Split, seed: int) -> str:
     """A line for each number of scans made before; errors in centimetres."""
     sizes = np.shape(comparisons[0].achieved)
     note = (

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from pretouch_detector.proposals import deep
-from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.proposals.information import predict_errors_after_scans
 from pretouch_detector.training.dataset import SIDES, Dataset, Example
 from pretouch_simulation.markdown import markdown_table
 
@@ -63,10 +63,10 @@ def rankings() -> dict[str, Ranking]:
     """The rankings that are ready."""
     ready: dict[str, Ranking] = {
         REGISTRAR: lambda example: example.predicted,
-        "stability": lambda example: remaining_error(example.scene, example.sensor, example.rectangles)[0],
+        "stability": lambda example: predict_errors_after_scans(example.scene, example.sensor, example.rectangles)[0],
     }
-    if not deep.reason_not_ready():
-        network = deep.WEIGHTS.network()
+    if not deep.explain_unready():
+        network = deep.WEIGHTS.get_network()
         ready["deep"] = lambda example: deep.predict_errors(network, example.scene, example.sensor, example.rectangles)
     return ready
 
@@ -81,7 +81,7 @@ def report(dataset: Dataset, side: str) -> str:
     outcomes: dict[str, list[Outcome]] = {name: [] for name in ready}
     seconds = dict.fromkeys(ready, 0.0)
     objects, mean, least = set(), [], []
-    for example in dataset.examples(side):
+    for example in dataset.read_examples(side):
         errors = example.scores.mean(axis=1)
         scanned = np.isfinite(errors)
         if scanned.sum() < LEAST:
@@ -105,10 +105,10 @@ def report(dataset: Dataset, side: str) -> str:
         raise InvalidInput(
             f"No view of the side {side} has {LEAST} scanned rectangles.", "Give a dataset of --kind scans."
         )
-    return _markdown(outcomes, seconds, side, len(objects), mean, least)
+    return _format_table(outcomes, seconds, side, len(objects), mean, least)
 
 
-def _markdown(
+def _format_table(
     outcomes: Mapping[str, list[Outcome]], seconds: Mapping[str, float], side: str, objects: int, mean: list[float],
     least: list[float],
 ) -> str:  # fmt: skip
@@ -132,13 +132,13 @@ def _markdown(
     for name, each in outcomes.items():
         first = 100 * np.mean([o.first for o in each])
         duration = "-" if name == REGISTRAR else f"{1000 * seconds[name] / n:.0f}"
-        registrar = "-" if name == REGISTRAR else _with_error([o.registrar for o in each])
-        achieved = _with_error([o.achieved for o in each])
+        registrar = "-" if name == REGISTRAR else _format_with_error([o.registrar for o in each])
+        achieved = _format_with_error([o.achieved for o in each])
         table.append([name, registrar, achieved, f"{first:.2f}", duration])
     return "\n".join([*lines, markdown_table(headings, table)])
 
 
-def _with_error(values: list[float]) -> str:
+def _format_with_error(values: list[float]) -> str:
     return f"{np.mean(values):.2f} ± {np.std(values) / np.sqrt(len(values)):.2f}"
 
 

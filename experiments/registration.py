@@ -28,14 +28,14 @@ from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
 from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.evaluation_rows import Run
-from pretouch_simulation.evaluation_summary import by_setup, states_after, summaries
-from pretouch_simulation.evaluation_table import by_scan, honesty_table
+from pretouch_simulation.evaluation_summary import group_by_setup, states_after, summaries
+from pretouch_simulation.evaluation_table import honesty_table, tabulate_by_scan
 from pretouch_simulation.evaluation_tasks import MeshTask
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.protocol import make_case
-from pretouch_simulation.reliability import LEVELS, observed_shares, save_expected_errors, save_reliability
+from pretouch_simulation.reliability import LEVELS, compute_observed_shares, save_expected_errors, save_reliability
 from pretouch_simulation.split import Split
 from pretouch_simulation.worst import diagnose, worst_runs
 from pretouch_simulation.worst_picture import Failure, save_worst
@@ -143,10 +143,14 @@ def _write_results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Pat
     """Writes the part's pictures; its section of the report, and its content for programs."""
     reported = [scan for scan in SCANS_REPORTED if scan <= protocol.scans]
     drawn = [scan for scan in SCANS_DRAWN if scan <= protocol.scans]
-    engines = list(dict.fromkeys(setup.engine for setup in by_setup(runs)))
+    engines = list(dict.fromkeys(setup.engine for setup in group_by_setup(runs)))
     meshes = len({run.mesh for run in runs})
-    lines = [f"## {part.title}\n", f"{meshes} objects, {len(part.tasks)} views.\n", by_scan(runs, reported).markdown()]
-    lines.append(f"### Truth in the stated regions\n\n{honesty_table(runs, reported).markdown()}")
+    lines = [
+        f"## {part.title}\n",
+        f"{meshes} objects, {len(part.tasks)} views.\n",
+        tabulate_by_scan(runs, reported).to_markdown(),
+    ]
+    lines.append(f"### Truth in the stated regions\n\n{honesty_table(runs, reported).to_markdown()}")
     lines += [f"Failed: {run.mesh}, view {run.view}, {run.engine}: {run.problem}\n" for run in runs if run.problem]
     subject = engines[-1]
     objects: dict[str, Any] = {}
@@ -173,11 +177,13 @@ def _write_results(part: Part, runs: Sequence[Run], protocol: Protocol, out: Pat
 
 def _reliability(runs: Sequence[Run], scans: Sequence[int]) -> list[dict[str, Any]]:
     found = []
-    for setup, group in by_setup(runs).items():
+    for setup, group in group_by_setup(runs).items():
         for scan in scans:
             distances2 = [detail.distance2 for _, detail in states_after(group, scan)]
             if distances2:
-                shares = dict(zip(LEVELS.round(2).tolist(), observed_shares(distances2).round(4).tolist(), strict=True))
+                shares = dict(
+                    zip(LEVELS.round(2).tolist(), compute_observed_shares(distances2).round(4).tolist(), strict=True)
+                )
                 found.append({**asdict(setup), "scan": scan, "n": len(distances2), "shares": shares})
     return found
 

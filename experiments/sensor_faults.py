@@ -20,7 +20,12 @@ from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.evaluation_protocol import Protocol, finger_of, loop_of, request_of
 from pretouch_simulation.finger import Finger, FingerModel
-from pretouch_simulation.fingers.faults import dead, in_millimetres, noise, stuck
+from pretouch_simulation.fingers.faults import (
+    make_dead_finger,
+    make_millimetre_finger,
+    make_noise_finger,
+    make_stuck_finger,
+)
 from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
@@ -36,11 +41,11 @@ from pretouch.session import Planner, Proposer, State
 
 SCANS = 2
 FAULTS: dict[str, Callable[[Finger], Finger]] = {
-    "always 30 mm": stuck,
-    "always 60 mm": lambda finger: stuck(finger, at=0.06),
-    "noise": noise,
-    "millimetres": in_millimetres,
-    "dead": dead,
+    "always 30 mm": make_stuck_finger,
+    "always 60 mm": lambda finger: make_stuck_finger(finger, at=0.06),
+    "noise": make_noise_finger,
+    "millimetres": make_millimetre_finger,
+    "dead": make_dead_finger,
 }
 
 

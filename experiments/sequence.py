@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> None:
     good = [course for course in courses if course.initial is not None]
     about = f"{len(paths)} objects x {arguments.views} views, {arguments.sensor} finger, engine posterior"
     title = f"{about}, seed {arguments.seed}"
-    text = f"# Error against the share of the object scanned\n\nMade by `{command}`: {title}.\n\n{markdown(good)}"
+    text = f"# Error against the share of the object scanned\n\nMade by `{command}`: {title}.\n\n{format_table(good)}"
     text += "\n![Error against the share scanned](sequence.png)\n"
     save_curves(good, arguments.scans, title, out / "sequence.png")
     if arguments.pictures:
@@ -134,7 +134,7 @@ def _run_pictured_sessions(
     return sessions
 
 
-def markdown(courses: Sequence[Course]) -> str:
+def format_table(courses: Sequence[Course]) -> str:
     """A line for each proposer and planner; errors in cm."""
     shares = [f"{share:.0%} scanned" for share in _SHARES]
     scans = [scan for scan in (1, 2, 3, 5) if any(len(course.errors) >= scan for course in courses)]

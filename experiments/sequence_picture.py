@@ -9,7 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from pretouch_simulation.evaluation import Step
-from pretouch_simulation.picture import limits, thinned
+from pretouch_simulation.picture import limits, thin_points
 from pretouch_simulation.protocol import Case
 from pretouch_simulation.reliability import save_small
 
@@ -87,7 +87,7 @@ def _draw_state(panels: Any, case: Case, made: Sequence[Step]) -> None:
     body = case.world.bodies[0]
     vertices = body.base_T_mesh.apply(body.mesh.vertices)
     origin = vertices.mean(axis=0) * [1, 1, 0]
-    cloud = thinned(pose.apply(case.cloud), _MOST_POINTS)
+    cloud = thin_points(pose.apply(case.cloud), _MOST_POINTS)
     low, high = limits(vertices, [case.cloud, case.truth.apply(case.cloud)])
     for axes, axis in zip(panels, (1, 2), strict=True):
 

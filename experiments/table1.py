@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> None:
     text = [
         f"# One scan of each of the first {FIRST} proposals\n\nMade by `{'`, then `'.join(commands)}`. Errors in cm.\n"
     ]
-    text += [section(rows, setup, _still_missing(rows, setup, missing)) for setup in setups]
+    text += [section(rows, setup, _find_missing(rows, setup, missing)) for setup in setups]
     save([row for setup in setups for row in rows if row.setup == setup], out / "table1.png")
     text.append("![Errors by object](table1.png)\n")
     (out / "table1.md").write_text("\n".join(text))
@@ -135,7 +135,7 @@ def read_fitting_rows(path: Path, rows: Sequence[Row], jobs: Sequence[Job]) -> t
     return found, commands if found else []
 
 
-def _still_missing(rows: Sequence[Row], setup: str, missing: dict[str, str]) -> dict[str, str]:
+def _find_missing(rows: Sequence[Row], setup: str, missing: dict[str, str]) -> dict[str, str]:
     there = {row.subject for row in rows if row.setup == setup}
     return {name: reason for name, reason in missing.items() if name not in there}
 

@@ -26,7 +26,7 @@ from pretouch_simulation.frames import load_frame
 from pretouch_simulation.labels.frame_task import FrameTask, frame_tasks
 from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.protocol import generator
-from pretouch_simulation.split import mixing_key
+from pretouch_simulation.split import compute_mixing_key
 from rich.console import Console
 from rich.progress import track
 
@@ -140,7 +140,9 @@ def _save_sheets(arguments: argparse.Namespace, proposers: Sequence[Proposer], m
 
 def _load_views(folder: Path, count: int) -> list[tuple[FrameTask, Scene]]:
     """One object each of `count` frames, in an order fixed by the names; frames without an object are skipped."""
-    tasks = sorted(frame_tasks(folder), key=lambda task: (mixing_key(task.file.stem), mixing_key(task.name)))
+    tasks = sorted(
+        frame_tasks(folder), key=lambda task: (compute_mixing_key(task.file.stem), compute_mixing_key(task.name))
+    )
     found: list[tuple[FrameTask, Scene]] = []
     for _, group in groupby(tasks, key=lambda task: task.file):
         for task in group:

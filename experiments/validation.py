@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from pretouch_detector.proposals import deep
-from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.proposals.information import predict_errors_after_scans
 from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.partial_rows import PartialRows
@@ -96,10 +96,10 @@ def run(arguments: argparse.Namespace) -> None:
 
 def predictors() -> dict[str, Predictor]:
     """What predicts the error of each rectangle (n, 5) of a scene; (n,), m."""
-    scorer = deep.WEIGHTS.network()
+    scorer = deep.WEIGHTS.get_network()
     return {
         "deep": lambda scene, rectangles: deep.predict_errors(scorer, scene, Sensor(), rectangles),
-        "stability": lambda scene, rectangles: remaining_error(scene, Sensor(), rectangles)[0],
+        "stability": lambda scene, rectangles: predict_errors_after_scans(scene, Sensor(), rectangles)[0],
     }
 
 

@@ -26,7 +26,7 @@ from pretouch_simulation.evaluation import run_session
 from pretouch_simulation.evaluation_honesty import SURE, WRONG
 from pretouch_simulation.evaluation_protocol import Protocol, adapt_to_frames, finger_of
 from pretouch_simulation.finger import Finger, FingerModel
-from pretouch_simulation.fingers.faults import one_stuck
+from pretouch_simulation.fingers.faults import make_stuck_module
 from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
@@ -70,41 +70,41 @@ class Misdescribed:
         return self.finger.measure(world, base_T_module, rng)
 
 
-def misdescribed(std: float = 1.0, cone: float = 1.0) -> Hand:
+def misdescribe(std: float = 1.0, cone: float = 1.0) -> Hand:
     """Describes the finger with its standard deviation and half angle multiplied by these factors."""
 
-    def stated(finger: Finger) -> Finger:
+    def describe(finger: Finger) -> Finger:
         sensor = finger.sensor
         return Misdescribed(
             finger,
             replace(sensor, range_std=std * sensor.range_std, beam_half_angle=cone * sensor.beam_half_angle),
         )
 
-    return stated
+    return describe
 
 
-def bleeding(pixels: int) -> Image:
+def dilate_mask(pixels: int) -> Image:
     """The mask reaches so many pixels too far."""
     return lambda case: replace(case, mask=ndimage.binary_dilation(case.mask, iterations=pixels))
 
 
-def shifted(pixels: int) -> Image:
+def shift_mask(pixels: int) -> Image:
     """The mask lies so many pixels to the right."""
     return lambda case: replace(case, mask=ndimage.shift(case.mask, (0, pixels), order=0))
 
 
-def half_missing(case: Case) -> Case:
+def drop_left_half(case: Case) -> Case:
     """No depth on the left half of the object."""
     left = case.scored & (np.indices(case.mask.shape)[1] < np.median(np.nonzero(case.scored)[1]))
-    return with_depth(case, np.where(left, 0.0, case.depth.metres))
+    return replace_depth(case, np.where(left, 0.0, case.depth.metres))
 
 
-def only_the_object(case: Case) -> Case:
+def drop_surroundings(case: Case) -> Case:
     """No depth but on the object."""
-    return with_depth(case, np.where(case.scored, case.depth.metres, 0.0))
+    return replace_depth(case, np.where(case.scored, case.depth.metres, 0.0))
 
 
-def glass(share: float) -> Image:
+def make_glass(share: float) -> Image:
     """The table is seen through about `share` of the object, in spots."""
 
     def seen_through(case: Case) -> Case:
@@ -119,12 +119,12 @@ def glass(share: float) -> Image:
         behind = (table.offset - table.normal @ base_T_camera.translation) / down
         field = smooth_field(rng, case.mask.shape, 6.0)
         through = case.scored & (field < np.quantile(field[case.scored], share))
-        return with_depth(case, np.where(through, behind, case.depth.metres))
+        return replace_depth(case, np.where(through, behind, case.depth.metres))
 
     return seen_through
 
 
-def with_depth(case: Case, metres: Array) -> Case:
+def replace_depth(case: Case, metres: Array) -> Case:
     """The case with another image (h, w), m; the mask keeps only pixels with depth, as a client's does."""
     return replace(case, depth=DepthImage(metres.astype(np.float32)), mask=case.mask & (metres > 0))
 
@@ -132,22 +132,22 @@ def with_depth(case: Case, metres: Array) -> Case:
 IDEAL, CONE = FingerModel.IDEAL, FingerModel.CONE
 MISTAKES = (
     Mistake("nothing, `ideal`"),
-    Mistake("range_std stated a third", hand=misdescribed(std=1 / 3)),
-    Mistake("range_std stated threefold", hand=misdescribed(std=3.0)),
-    Mistake("one of six modules stuck", hand=one_stuck),
-    Mistake("mask bleeds 3 px", image=bleeding(3)),
-    Mistake("mask bleeds 5 px", image=bleeding(5)),
-    Mistake("mask bleeds 8 px", image=bleeding(8)),
-    Mistake("mask 8 px off", image=shifted(8)),
-    Mistake("half of the object without depth", image=half_missing),
-    Mistake("table seen through a half", image=glass(0.5)),
-    Mistake("table seen through all", image=glass(1.0)),
-    Mistake("depth on the object only", image=only_the_object),
+    Mistake("range_std stated a third", hand=misdescribe(std=1 / 3)),
+    Mistake("range_std stated threefold", hand=misdescribe(std=3.0)),
+    Mistake("one of six modules stuck", hand=make_stuck_module),
+    Mistake("mask bleeds 3 px", image=dilate_mask(3)),
+    Mistake("mask bleeds 5 px", image=dilate_mask(5)),
+    Mistake("mask bleeds 8 px", image=dilate_mask(8)),
+    Mistake("mask 8 px off", image=shift_mask(8)),
+    Mistake("half of the object without depth", image=drop_left_half),
+    Mistake("table seen through a half", image=make_glass(0.5)),
+    Mistake("table seen through all", image=make_glass(1.0)),
+    Mistake("depth on the object only", image=drop_surroundings),
     Mistake("nothing, `cone`", CONE),
-    Mistake("half angle stated a half", CONE, misdescribed(cone=0.5)),
-    Mistake("half angle stated double", CONE, misdescribed(cone=2.0)),
-    Mistake("cone described as a thin beam", CONE, misdescribed(cone=0.0)),
-    Mistake("range_std of the cone stated a third", CONE, misdescribed(std=1 / 3)),
+    Mistake("half angle stated a half", CONE, misdescribe(cone=0.5)),
+    Mistake("half angle stated double", CONE, misdescribe(cone=2.0)),
+    Mistake("cone described as a thin beam", CONE, misdescribe(cone=0.0)),
+    Mistake("range_std of the cone stated a third", CONE, misdescribe(std=1 / 3)),
 )
 
 
@@ -176,7 +176,7 @@ def run_session_with(case: Case, mistake: Mistake, protocol: Protocol, registrar
     reason = (record.reason or {}).get("type", "").removeprefix(TYPE_PREFIX)
     estimate = record.estimate
     error = case.error(estimate.base_T_correction)
-    return Ending(initial, error, estimate.expected_error, case.covered(estimate), reason or record.state.value)
+    return Ending(initial, error, estimate.expected_error, case.is_covered_by(estimate), reason or record.state.value)
 
 
 def text(command: str, camera: str, rows: dict[str, list[Ending | str]], tolerance: float) -> str:

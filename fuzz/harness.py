@@ -37,13 +37,13 @@ def check_input(raw: bytes) -> None:
         return
     kind = KINDS[raw[0] % len(KINDS)]
     if kind == "framed":
-        check("binary", b"".join(map(_framed, raw[2:].split(SEPARATOR))), raw[1] + 1)
+        check("binary", b"".join(map(_frame, raw[2:].split(SEPARATOR))), raw[1] + 1)
     else:
         check(kind, raw[2:], raw[1] + 1)
 
 
 def check(name: str, data: bytes, step: int) -> None:
-    """Checks the format `name` on `data`, heard at once and in pieces of `step` bytes, longer if they are too many.
+    """Checks the format `name` on `data`, fed at once and in pieces of `step` bytes, longer if they are too many.
 
     Raises:
         AssertionError: an invariant does not hold.
@@ -54,15 +54,15 @@ def check(name: str, data: bytes, step: int) -> None:
     step = max(step, len(data) // _MAX_PIECES)
     for start in range(0, len(data), step):
         in_pieces += pieces.feed(data[start : start + step])
-        assert _held(pieces) <= _MAX_HELD.get(name, MAX_LINE), "it keeps more than it may"
-    assert _told(received) == _told(in_pieces), "it depends on where the bytes are cut"
+        assert _measure_held(pieces) <= _MAX_HELD.get(name, MAX_LINE), "it keeps more than it may"
+    assert _describe(received) == _describe(in_pieces), "it depends on where the bytes are cut"
     assert (whole.refused, whole.name) == (pieces.refused, pieces.name), "it depends on where the bytes are cut"
     for message in received:
         _check_values(message, whole)
     if name == AUTO:
         _check_detection(data)
     else:
-        assert len(received) + whole.refused.total() == _ended(name, data), "it loses count"
+        assert len(received) + whole.refused.total() == _count_ended(name, data), "it loses count"
     _check_recovery(whole, data)
 
 
@@ -94,12 +94,12 @@ def _check_detection(data: bytes) -> None:
         if parser.name:
             alone = PARSERS[parser.name]()
             received += parser.feed(data[start + MAX_UNDETECTED :])
-            assert _told(received) == _told(alone.feed(data[start:])), "it lost something"
+            assert _describe(received) == _describe(alone.feed(data[start:])), "it lost something"
             assert parser.refused == given_up + alone.refused, "it loses count"
             return
         assert (received, parser.two_way, parser.tick_modulus) == ([], False, None)
         if len(block) == MAX_UNDETECTED:
-            given_up[Refusal.ENCODING] += _pieces(re.split(rb"[\0\r\n]", block))
+            given_up[Refusal.ENCODING] += _count_pieces(re.split(rb"[\0\r\n]", block))
         assert parser.refused == given_up, "it loses count"
 
 
@@ -108,42 +108,46 @@ def _check_recovery(parser: Parser, data: bytes) -> None:
     told = STREAMS.get(parser.name)
     if told:
         stream = told[len(data) % len(told)]
-        assert _told(parser.feed(b"\0\n" + stream))[-1] == _ALONE[stream][-1], "it does not recover"
+        assert _describe(parser.feed(b"\0\n" + stream))[-1] == _ALONE[stream][-1], "it does not recover"
     parser.restart()
-    assert _held(parser) == 0, "it keeps something over a cut"
+    assert _measure_held(parser) == 0, "it keeps something over a cut"
     after = told or list(_ALONE)
     stream = after[len(data) % len(after)]
-    assert _told(parser.feed(stream)) == _ALONE[stream], "it hears what came before a cut"
+    assert _describe(parser.feed(stream)) == _ALONE[stream], "it hears what came before a cut"
 
 
-def _ended(name: str, data: bytes) -> int:
+def _count_ended(name: str, data: bytes) -> int:
     """How many frames or lines that are not empty `data` ends."""
     if name == "binary":
         return sum(map(bool, data.split(b"\0")[:-1]))
-    return _pieces(re.split(rb"[\r\n]", data)[:-1])
+    return _count_pieces(re.split(rb"[\r\n]", data)[:-1])
 
 
-def _pieces(pieces: Iterable[bytes]) -> int:
+def _count_pieces(pieces: Iterable[bytes]) -> int:
     return sum(bool(piece.strip(BLANK)) for piece in pieces)
 
 
-def _told(received: Iterable[DeviceMessage]) -> list[str]:
+def _describe(received: Iterable[DeviceMessage]) -> list[str]:
     return [repr(message) for message in received]  # NaN does not equal itself
 
 
-_ALONE = {stream: _told(PARSERS[name]().feed(stream)) for name, streams in STREAMS.items() for stream in streams}
+_ALONE = {stream: _describe(PARSERS[name]().feed(stream)) for name, streams in STREAMS.items() for stream in streams}
 """What each good stream says when nothing comes before it."""
 
 
-def _framed(body: bytes) -> bytes:
+def _frame(body: bytes) -> bytes:
     encoded: bytes = cobs.encode(body + crc16.ibm_3740(body).to_bytes(2, "little"))
     return encoded + b"\0"
 
 
-def _held(thing: object) -> int:
-    """Bytes that `thing` keeps, in all that it consists of."""
+def _measure_held(thing: object) -> int:
+    """Bytes that `thing` and everything in it hold."""
     if isinstance(thing, bytes | bytearray):
         return len(thing)
     if isinstance(thing, list | tuple | deque):
-        return sum(map(_held, thing))
-    return sum(map(_held, vars(thing).values())) if hasattr(thing, "__dict__") and not isinstance(thing, type) else 0
+        return sum(map(_measure_held, thing))
+    return (
+        sum(map(_measure_held, vars(thing).values()))
+        if hasattr(thing, "__dict__") and not isinstance(thing, type)
+        else 0
+    )

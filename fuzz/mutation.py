@@ -6,7 +6,7 @@ import random
 from collections.abc import Iterator, Sequence
 
 
-def mutated(inputs: Sequence[bytes], count: int, seed: int) -> Iterator[bytes]:
+def mutate(inputs: Sequence[bytes], count: int, seed: int) -> Iterator[bytes]:
     """`count` inputs, each one of `inputs` with one to eight changes."""
     chance = random.Random(seed)
     for _ in range(count):

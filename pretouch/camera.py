@@ -61,7 +61,7 @@ class Camera:
         uv, z = np.asarray(pixels, dtype=np.float64), np.asarray(depth, dtype=np.float64)
         return np.stack([(uv[..., 0] - self.cx) * z / self.fx, (uv[..., 1] - self.cy) * z / self.fy, z], axis=-1)
 
-    def organised(self, depth: ArrayLike) -> Array:
+    def back_project_image(self, depth: ArrayLike) -> Array:
         """A depth image (h, w), m, to points (h, w, 3) in the camera frame; (0, 0, 0) where there is no data."""
         z = np.asarray(depth, dtype=np.float64)
         v, u = np.indices(z.shape)

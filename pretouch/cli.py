@@ -128,7 +128,7 @@ def _serve(
     try:
         asyncio.run(serve(name, service.load(), settings, until_stdin_closes=until_stdin_closes))
     except ModuleNotFoundError as error:
-        raise _missing(error, f"The {name}", name) from error
+        raise _explain_missing(error, f"The {name}", name) from error
 
 
 def _up(
@@ -203,7 +203,7 @@ def _healthcheck(
     raise typer.Exit(0 if answer.status == health_pb2.HealthCheckResponse.SERVING else 1)
 
 
-def _missing(error: ModuleNotFoundError, name: str, extra: str | None) -> Unavailable | ModuleNotFoundError:
+def _explain_missing(error: ModuleNotFoundError, name: str, extra: str | None) -> Unavailable | ModuleNotFoundError:
     """What to tell the user: the extra to install; `error` itself where none would help."""
     if extra is None or (error.name or "pretouch").startswith("pretouch"):
         return error
@@ -280,7 +280,7 @@ def _app(called: str | None) -> typer.Typer:
     return app
 
 
-def _called_command() -> str | None:
+def _find_called_command() -> str | None:
     """The name of the command on the command line, or on the one that a shell wants completed."""
     line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS")
     words = sys.argv if line is None or "_PRETOUCH_COMPLETE" not in os.environ else line.split()
@@ -289,7 +289,7 @@ def _called_command() -> str | None:
 
 def main() -> None:
     """Runs the command line; an error is printed in two lines, with exit code 2 if what the user gave caused it."""
-    called = _called_command()
+    called = _find_called_command()
     try:
         _app(called)(prog_name="pretouch")
     except PretouchError as error:
@@ -303,7 +303,7 @@ def main() -> None:
         _refuse(Unavailable(f"{what}: {error.strerror or error}."))
     except ModuleNotFoundError as error:  # at import or only once the command runs
         for entry in entry_points(group="pretouch.commands", name=called or ""):
-            explained = _missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
+            explained = _explain_missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
             if isinstance(explained, PretouchError):
                 _refuse(explained)
         raise

@@ -59,7 +59,7 @@ class Scene:
     @cached_property
     def organised(self) -> Array:
         """(h, w, 3), m, in base: every pixel's point; meaningless where `depth` is 0."""
-        return self.base_T_camera.apply(self.camera.organised(self.depth.metres))
+        return self.base_T_camera.apply(self.camera.back_project_image(self.depth.metres))
 
     @cached_property
     def cloud(self) -> Array:

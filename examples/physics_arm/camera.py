@@ -52,9 +52,9 @@ def photograph(world: World, random: np.random.Generator) -> View:
     lengths = np.linalg.norm(ahead, axis=1)
     distances, geoms = cast(world, base_T_camera.translation, base_T_camera.rotate(ahead / lengths[:, None]))
     true = (distances / lengths).reshape(HEIGHT, WIDTH)
-    depth = _with_errors(true, random)
+    depth = _add_errors(true, random)
     seen = np.isin(geoms, world.object_geoms()).reshape(HEIGHT, WIDTH) & (depth > 0)
-    return View(depth, base_T_camera, INTRINSICS.organised(true)[seen])
+    return View(depth, base_T_camera, INTRINSICS.back_project_image(true)[seen])
 
 
 def _look_at(target: Array, random: np.random.Generator) -> Pose:
@@ -66,7 +66,7 @@ def _look_at(target: Array, random: np.random.Generator) -> Pose:
     return Pose.of(np.stack([right, np.cross(-back, right), -back], axis=1), target + distance * back)
 
 
-def _with_errors(true: Array, random: np.random.Generator) -> NDArray[np.uint16]:
+def _add_errors(true: Array, random: np.random.Generator) -> NDArray[np.uint16]:
     depth = np.nan_to_num(true)
     shift = np.rint(1.2 * np.stack([_smooth_noise(random), _smooth_noise(random)])).astype(int)
     v, u = np.indices(depth.shape)

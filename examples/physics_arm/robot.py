@@ -38,7 +38,7 @@ class Robot:
 
     def scan(self, plan: ScanPlan) -> RangeSamples | Skipped:
         """Makes the planned scan, or says that the arm cannot."""
-        times, poses, start, end = _with_approach(plan)
+        times, poses, start, end = _add_approach(plan)
         joints = follow(self.world, times, poses)
         if joints is None or not self._travel(joints[0]):
             return Skipped()
@@ -67,14 +67,14 @@ class Robot:
         while (now := data.time - begun) < times[-1]:
             data.ctrl[:] = [np.interp(now, times, column) for column in joints.T]
             mujoco.mj_step(model, data)
-            touched |= self.world.touching()
+            touched |= self.world.is_touching()
             if now >= len(samples) * interval:
                 samples.append((now, self.world.base_T_tip(), self.finger.measure()))
         self.touches += touched
         return samples
 
 
-def _with_approach(plan: ScanPlan) -> tuple[Array, Array, float, float]:
+def _add_approach(plan: ScanPlan) -> tuple[Array, Array, float, float]:
     """From above the first waypoint to above the last: times (n,), s, tip poses (n, 4, 4), and when the scan is on."""
     path = plan.path.sampled(_RATE)
     times, poses = path.t - path.t[0], path.base_T_tip

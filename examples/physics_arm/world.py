@@ -85,7 +85,7 @@ class World:
         pose[:3, :3], pose[:3, 3] = site.xmat.reshape(3, 3), site.xpos
         return pose
 
-    def touching(self) -> bool:
+    def is_touching(self) -> bool:
         """Whether the arm touches the object, the table or itself."""
         return bool(self.data.ncon > 0)
 

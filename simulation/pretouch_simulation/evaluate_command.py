@@ -23,8 +23,8 @@ from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
 from pretouch_simulation.evaluation_protocol import NEVER_CONVERGED, Protocol, adapt_to_frames
 from pretouch_simulation.evaluation_rows import Run, write_details
-from pretouch_simulation.evaluation_summary import by_setup
-from pretouch_simulation.evaluation_table import by_object, by_scan, convergence_table, honesty_table
+from pretouch_simulation.evaluation_summary import group_by_setup
+from pretouch_simulation.evaluation_table import convergence_table, honesty_table, tabulate_by_object, tabulate_by_scan
 from pretouch_simulation.evaluation_tasks import MIN_PIXELS, MeshTask, Task, frame_tasks
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.frame_folder import frames_in
@@ -175,12 +175,12 @@ def _refuse_mixture(meshes: bool, frames: bool, *, for_meshes: dict[str, Any], f
 def _report(runs: Sequence[Run], protocol: Protocol, out: Path) -> None:
     known = sys.stdout.isatty() or "COLUMNS" in os.environ
     console = Console(width=None if known else _FILE_WIDTH, stderr=out == STANDARD_OUTPUT)
-    setups = by_setup(runs)
+    setups = group_by_setup(runs)
     single = len(setups) == 1
     if setups:
         scans = range(protocol.scans + 1)
-        tables = [by_object(runs, protocol.scans)] if single else []
-        tables += [by_scan(runs, scans), honesty_table(runs, scans)]
+        tables = [tabulate_by_object(runs, protocol.scans)] if single else []
+        tables += [tabulate_by_scan(runs, scans), honesty_table(runs, scans)]
         if protocol.tolerance != NEVER_CONVERGED:
             tables.append(convergence_table(runs, protocol.tolerance))
         for part in (part for table in tables for part in table.rich(console.width)):

@@ -18,7 +18,7 @@ from pretouch_simulation.evaluation_protocol import Protocol, finger_of, loop_of
 from pretouch_simulation.evaluation_rows import Detail, Outcome, Row, Run, RunKey
 from pretouch_simulation.evaluation_tasks import Task
 from pretouch_simulation.finger import Finger, FingerModel
-from pretouch_simulation.fitted_truth import fitted_truth
+from pretouch_simulation.fitted_truth import fit_truth
 from pretouch_simulation.objects import box
 from pretouch_simulation.paper_setting import run_case
 from pretouch_simulation.protocol import Case, generator, make_case
@@ -57,7 +57,7 @@ class Subject:
     def of(task: Task, seed: int, camera: CameraModel) -> Subject:
         """Raises PretouchError where the task's files cannot be used."""
         case = task.case(seed, camera)
-        return Subject(task, case, None if task.frame is None else replace(case, truth=fitted_truth(case)))
+        return Subject(task, case, None if task.frame is None else replace(case, truth=fit_truth(case)))
 
 
 def key_of(task: Task, protocol: Protocol) -> RunKey:
@@ -79,7 +79,7 @@ def run_task(task: Task, protocols: Sequence[Protocol]) -> list[Run]:
         try:
             subject = Subject.of(task, chosen[0].seed, camera)
         except PretouchError as error:
-            runs += [_failed_run(task, protocol, None, error) for protocol in chosen]
+            runs += [_make_failed_run(task, protocol, None, error) for protocol in chosen]
         else:
             led: dict[FingerModel, list[Step]] = {}
             runs += [_run_protocol(subject, protocol, led, registrar) for protocol in chosen]
@@ -93,7 +93,7 @@ def _run_protocol(
     try:
         outcomes = _run_sessions(subject.case, protocol, led, registrar)
     except PretouchError as error:
-        return _failed_run(subject.task, protocol, initial, error)
+        return _make_failed_run(subject.task, protocol, initial, error)
     rows = tuple(_row(subject, protocol, outcome, k, initial) for k, outcome in enumerate(outcomes, start=1))
     details = tuple(Detail.of(subject.case, outcome.estimate) for outcome in outcomes)
     key = key_of(subject.task, protocol)
@@ -108,7 +108,7 @@ def _run_sessions(
     return [step.outcome for step in _run_or_reuse_steps(case, protocol, led, registrar)]
 
 
-def _failed_run(task: Task, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
+def _make_failed_run(task: Task, protocol: Protocol, initial: float | None, error: PretouchError) -> Run:
     text = f"{error.detail} {error.remedy}".strip()
     return Run(**key_of(task, protocol)._asdict(), initial_error=initial, problem=text)
 
@@ -192,7 +192,7 @@ def _row(subject: Subject, protocol: Protocol, outcome: Outcome, scan: int, init
         initial_error=initial,
         error=case.error(correction),
         expected_error=estimate.expected_error,
-        covered=case.covered(estimate),
+        covered=case.is_covered_by(estimate),
         state=outcome.state.value,
         fraction=outcome.fraction,
         robot_seconds=outcome.robot_seconds,

@@ -9,7 +9,7 @@ import numpy as np
 
 from pretouch.geometry import Array
 from pretouch_simulation.evaluation_rows import Run
-from pretouch_simulation.evaluation_summary import Setup, by_setup, errors_after
+from pretouch_simulation.evaluation_summary import Setup, errors_after, group_by_setup
 from pretouch_simulation.evaluation_table import Table
 
 
@@ -27,10 +27,10 @@ class Comparison:
 
 def compare_engines(runs: Sequence[Run], scan: int, engine: str, other: str) -> list[Comparison]:
     """Both engines by object, camera and sensor after `scan` scans, sorted by how much worse `engine` is."""
-    groups = by_setup(runs)
+    groups = group_by_setup(runs)
     found = []
     for camera, sensor in dict.fromkeys(setup.world for setup in groups):
-        ours, theirs = (_by_mesh(groups.get(Setup(name, sensor, camera), []), scan) for name in (engine, other))
+        ours, theirs = (_group_by_mesh(groups.get(Setup(name, sensor, camera), []), scan) for name in (engine, other))
         for mesh in ours.keys() & theirs.keys():
             means = float(ours[mesh].mean()), float(theirs[mesh].mean())
             found.append(Comparison(mesh, sensor, camera, len(ours[mesh]), *means))
@@ -49,10 +49,10 @@ def comparison_table(pairs: Sequence[Comparison], engine: str, other: str) -> st
         for pair in worse
     ]
     said = f"`{engine}` is worse than `{other}` on {len(worse)} of {len(pairs)} pairs of object and sensor."
-    return f"{said}\n\n{Table('', headings, tuple(cells)).markdown()}"
+    return f"{said}\n\n{Table('', headings, tuple(cells)).to_markdown()}"
 
 
-def _by_mesh(runs: Sequence[Run], scan: int) -> dict[str, Array]:
+def _group_by_mesh(runs: Sequence[Run], scan: int) -> dict[str, Array]:
     errors: dict[str, list[float]] = {}
     for run, error in zip(runs, errors_after(runs, scan), strict=True):
         errors.setdefault(run.mesh, []).append(float(error))

@@ -9,7 +9,7 @@ import numpy as np
 
 from pretouch.session import State
 from pretouch_simulation.evaluation_rows import Row, Run
-from pretouch_simulation.evaluation_summary import Setup, by_setup
+from pretouch_simulation.evaluation_summary import Setup, group_by_setup
 
 GROUND_TRUTH = 0.002
 """m: the uncertainty of a real frame's ground truth after its depth is fitted."""
@@ -36,7 +36,7 @@ class Convergence:
 
 def convergence(runs: Sequence[Run], tolerance: float) -> list[Convergence]:
     """One for each setup, in the order of the runs; `tolerance` in m."""
-    return [_convergence(setup, group, tolerance) for setup, group in by_setup(runs).items()]
+    return [_convergence(setup, group, tolerance) for setup, group in group_by_setup(runs).items()]
 
 
 def _convergence(setup: Setup, runs: Sequence[Run], tolerance: float) -> Convergence:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pretouch_simulation.evaluation_rows import Run
-from pretouch_simulation.evaluation_summary import Setup, by_setup, states_after
+from pretouch_simulation.evaluation_summary import Setup, group_by_setup, states_after
 
 CHI2_6 = (5.348, 8.558, 12.592)
 """The 50, 80 and 95 % quantiles of chi-square with 6 degrees of freedom."""
@@ -45,7 +45,7 @@ class Honesty:
 
 def honesty(runs: Sequence[Run], scans: Sequence[int]) -> list[Honesty]:
     """One for each setup, in the order of the runs, and each of `scans` that any run has come to."""
-    found = [_honesty(setup, group, scan) for setup, group in by_setup(runs).items() for scan in scans]
+    found = [_honesty(setup, group, scan) for setup, group in group_by_setup(runs).items() for scan in scans]
     return [one for one in found if one is not None]
 
 

@@ -30,7 +30,7 @@ class Row:
         compute_ms: from this scan's samples to the next plan; for the first scan, opening the session is added.
         camera: the simulated one, or `real`.
         frame: the real frame; None for a view of a mesh.
-        error_fitted: of a real frame: as `error`, from `fitted_truth`.
+        error_fitted: of a real frame: as `error`, from `fit_truth`.
     """
 
     mesh: str

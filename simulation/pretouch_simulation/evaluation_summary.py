@@ -65,10 +65,10 @@ class Summary:
 
 def summaries(runs: Sequence[Run], scans: Sequence[int]) -> list[Summary]:
     """One for each setup, in the order of the runs, and each of `scans`."""
-    return [summary_of(group, scan) for group in by_setup(runs).values() for scan in scans]
+    return [summary_of(group, scan) for group in group_by_setup(runs).values() for scan in scans]
 
 
-def by_setup(runs: Sequence[Run]) -> dict[Setup, list[Run]]:
+def group_by_setup(runs: Sequence[Run]) -> dict[Setup, list[Run]]:
     """The runs that have an error, by setup, in the order given."""
     groups: dict[Setup, list[Run]] = {}
     for run in runs:

@@ -14,7 +14,7 @@ from rich.table import Table as RichTable
 from pretouch_simulation.evaluation_convergence import convergence
 from pretouch_simulation.evaluation_honesty import Honesty, honesty
 from pretouch_simulation.evaluation_rows import Run
-from pretouch_simulation.evaluation_summary import Setup, Summary, by_setup, summaries, summary_of
+from pretouch_simulation.evaluation_summary import Setup, Summary, group_by_setup, summaries, summary_of
 from pretouch_simulation.markdown import markdown_table
 
 Line = TypeVar("Line", Summary, Honesty)
@@ -52,19 +52,19 @@ class Table:
             table.add_row(*(line[k] for k in columns))
         return table
 
-    def markdown(self) -> str:
+    def to_markdown(self) -> str:
         """Without the title."""
         return markdown_table(self.headings, self.lines)
 
 
-def by_scan(runs: Sequence[Run], scans: Sequence[int]) -> Table:
+def tabulate_by_scan(runs: Sequence[Run], scans: Sequence[int]) -> Table:
     """A line for each setup and number of scans, the engines below each other; 0 scans is the error before any.
 
     A run that stopped counts with its last state in later lines; `made` is how many made the scan, and their time is
     what `ms` counts.
     """
     found = summaries(runs, scans)
-    varied, fitted = _varied(runs), any(not math.isnan(one.error_fitted) for one in found)
+    varied, fitted = _find_varied(runs), any(not math.isnan(one.error_fitted) for one in found)
     lines = []
     for one in _side_by_side(found):
         cells = [*_setup_cells(one.setup, varied), str(one.scan), str(one.n), str(one.made), *_errors(one, fitted)]
@@ -73,7 +73,7 @@ def by_scan(runs: Sequence[Run], scans: Sequence[int]) -> Table:
     return Table("After each scan", headings, tuple(lines), len(varied), len(varied) + 1)
 
 
-def by_object(runs: Sequence[Run], scans: int) -> Table:
+def tabulate_by_object(runs: Sequence[Run], scans: int) -> Table:
     """One line per object: its errors after the last scan."""
     good = sorted((run for run in runs if run.initial_error is not None), key=lambda run: run.mesh)
     fitted = any(run.frame is not None for run in good)
@@ -92,7 +92,7 @@ def honesty_table(runs: Sequence[Run], scans: Sequence[int]) -> Table:
     `hardest`: of the quarter of the runs with the largest error. `sure, wrong`: the error is above 1.5 cm while less
     than 0.5 cm is expected.
     """
-    varied = _varied(runs)
+    varied = _find_varied(runs)
     lines = [
         (
             *_setup_cells(one.setup, varied),
@@ -110,7 +110,7 @@ def honesty_table(runs: Sequence[Run], scans: Sequence[int]) -> Table:
 
 def convergence_table(runs: Sequence[Run], tolerance: float) -> Table:
     """A line for each setup: the share that converged, the share of those within `tolerance`, m, and the time taken."""
-    varied = _varied(runs)
+    varied = _find_varied(runs)
     lines = [
         (
             *(*_setup_cells(one.setup, varied), str(one.n)),
@@ -124,9 +124,9 @@ def convergence_table(runs: Sequence[Run], tolerance: float) -> Table:
     return Table("Convergence", headings, tuple(lines), len(varied), len(varied))
 
 
-def _varied(runs: Sequence[Run]) -> tuple[str, ...]:
+def _find_varied(runs: Sequence[Run]) -> tuple[str, ...]:
     """The members of the setup that differ between the runs, and are therefore shown."""
-    setups = list(by_setup(runs))
+    setups = list(group_by_setup(runs))
     return tuple(name for name in ("camera", "sensor", "engine") if len({getattr(one, name) for one in setups}) > 1)
 
 

@@ -39,7 +39,7 @@ _SMALL = 1e-6
 """rad and m: the iteration stops at a smaller step."""
 
 
-def fitted_truth(case: Case) -> Pose:
+def fit_truth(case: Case) -> Pose:
     """D followed by the best fit: the `base_T_correction` of a case whose first body is the object."""
     return best_fit(case.truth.apply(case.cloud), case.world.bodies[0]) @ case.truth
 
@@ -50,11 +50,11 @@ def best_fit(points: Array, body: Body) -> Pose:
     centre = points.mean(axis=0)
     surface = Triangles(body.base_T_mesh.apply(body.mesh.vertices), body.mesh.faces)
     turn, shift, damping = np.eye(3), np.zeros(3), 1e-3
-    cost, information, gradient = _linearised(some - centre, centre, turn, shift, surface)
+    cost, information, gradient = _linearise(some - centre, centre, turn, shift, surface)
     for _ in range(_STEPS):
         step = -np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
         candidate = rotation_from_vector(step[:3]) @ turn, shift + step[3:]
-        found = _linearised(some - centre, centre, *candidate, surface)
+        found = _linearise(some - centre, centre, *candidate, surface)
         if found[0] > cost:
             damping *= 10.0
         else:
@@ -79,9 +79,7 @@ def _gaps(surface: Triangles, points: Array) -> tuple[Array, Array]:
     return distances, normals
 
 
-def _linearised(
-    arms: Array, centre: Array, turn: Array, shift: Array, surface: Triangles
-) -> tuple[float, Array, Array]:
+def _linearise(arms: Array, centre: Array, turn: Array, shift: Array, surface: Triangles) -> tuple[float, Array, Array]:
     """The cost of a motion, and of its quadratic model in a further (w, d): half the Hessian (6, 6), half the gradient.
 
     Args:

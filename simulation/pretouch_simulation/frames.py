@@ -3,7 +3,7 @@
 A frame is `<id>.json` with intrinsics, `depth_unit_m`, the names of its depth and label images, and its objects, each
 with `name`, `label`, `mesh` and `T_cam_obj`, 4x4, m, camera axes x right, y down, z forward.
 
-Frames without poses can be looked at all the same (`load_images`, `labelled_in`).
+Frames without poses can be looked at all the same (`load_images`, `list_labelled`).
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def load_images(path: Path) -> FrameImages:
         shape = (int(description["height"]), int(description["width"]))
         depth = DepthImage.from_values(values, description["depth_unit_m"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise _misused(path, error) from error
+        raise _explain_misuse(path, error) from error
     if depth.metres.shape != shape or (labels is not None and labels.shape != shape):
         given = "" if labels is None else f", labels {list(labels.shape)}"
         raise InvalidInput(
@@ -111,7 +111,7 @@ def load_images(path: Path) -> FrameImages:
     return FrameImages(depth, camera, labels)
 
 
-def labelled_in(path: Path) -> dict[int, str]:
+def list_labelled(path: Path) -> dict[int, str]:
     """The frame's objects: label in the label image, and name, empty where it has none.
 
     They are the `objects`; without any the `object_labels`; without those all that the label image holds but 0.
@@ -127,7 +127,7 @@ def labelled_in(path: Path) -> dict[int, str]:
         if listed is not None:
             return {int(label): "" for label in listed}
     except (KeyError, TypeError, ValueError) as error:
-        raise _misused(path, error) from error
+        raise _explain_misuse(path, error) from error
     labels = load_images(path).labels
     return {} if labels is None else {int(label): "" for label in np.unique(labels[labels > 0])}
 
@@ -152,7 +152,7 @@ def load_frame(path: Path) -> Frame:
     try:
         objects = tuple(_object(path, entry) for entry in description["objects"])
     except (KeyError, TypeError, ValueError) as error:
-        raise _misused(path, error) from error
+        raise _explain_misuse(path, error) from error
     table = _table(path.name, images.camera, images.depth, images.labels)
     return Frame(path.stem, images.depth, images.camera, images.labels, objects, table)
 
@@ -170,7 +170,7 @@ def frame_case(frame: Frame, name: str, seed: int) -> Case:
     mask = frame.mask(name)
     if not mask.any():
         raise InvalidInput(f"{name} has no depth in the frame {frame.name}.", "Choose another object or frame.")
-    points = frame.camera.organised(frame.depth.metres)[mask]
+    points = frame.camera.back_project_image(frame.depth.metres)[mask]
     base_T_camera = upright(frame.table, points.mean(axis=0))
     bodies = [
         Body(load_mesh(thing.mesh), base_T_camera @ thing.camera_T_object)
@@ -197,7 +197,7 @@ def upright(table: Plane, centroid: NDArray[np.float64]) -> Pose:
 
 def _table(name: str, camera: Camera, depth: DepthImage, labels: NDArray[np.int64]) -> Plane:
     free = (depth.metres > 0) & ~ndimage.binary_dilation(labels > 0, iterations=_MARGIN)
-    table = fit_table(camera.organised(depth.metres)[free], 0.0)
+    table = fit_table(camera.back_project_image(depth.metres)[free], 0.0)
     if table is None:
         raise InvalidInput(f"No table was found in {name}.", "Choose a frame of objects on a table.")
     return table
@@ -218,7 +218,7 @@ def _description(path: Path) -> dict[str, Any]:
     return dict(description)
 
 
-def _misused(path: Path, error: Exception) -> Malformed:
+def _explain_misuse(path: Path, error: Exception) -> Malformed:
     return Malformed(f"{path.name} lacks or misuses {error}.", "See the frames' SOURCES.md for the format.")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from pretouch_registrar.files import MESH_SUFFIXES
 
 from pretouch.errors import InvalidInput, NotFound
-from pretouch_simulation.split import Split, mixing_key, split_of
+from pretouch_simulation.split import Split, compute_mixing_key, split_of
 
 _NAMED = 20
 
@@ -45,7 +45,7 @@ def meshes_in(
     chosen = [path for path in files if not only or path.stem in only]
     if split is not None:
         chosen = sorted(
-            (path for path in chosen if split_of(path.stem) is split), key=lambda path: mixing_key(path.stem)
+            (path for path in chosen if split_of(path.stem) is split), key=lambda path: compute_mixing_key(path.stem)
         )
         if not chosen:
             raise NotFound(

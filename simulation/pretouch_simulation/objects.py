@@ -21,7 +21,7 @@ def box(x: float = 0.09, y: float = 0.06, z: float = 0.14) -> Mesh:
     return Mesh(vertices, np.array([[q[0], q[k], q[k + 1]] for q in quads for k in (1, 2)]))
 
 
-def lathed(profile: ArrayLike, sides: int = _SIDES) -> Mesh:
+def lathe(profile: ArrayLike, sides: int = _SIDES) -> Mesh:
     """A solid of revolution about z.
 
     Args:
@@ -51,7 +51,7 @@ def lathed(profile: ArrayLike, sides: int = _SIDES) -> Mesh:
     return Mesh(np.concatenate(rings), np.concatenate(faces))
 
 
-def swept(centres: ArrayLike, radius: float, sides: int = 16) -> Mesh:
+def sweep(centres: ArrayLike, radius: float, sides: int = 16) -> Mesh:
     """A round bar, `radius` m, along the points `centres` (n, 3) of a curve in the x-z plane, closed at both ends."""
     path = np.asarray(centres, dtype=np.float64)
     tangents = np.gradient(path, axis=0)
@@ -84,7 +84,7 @@ def swept(centres: ArrayLike, radius: float, sides: int = 16) -> Mesh:
 def can(radius: float = 0.033, height: float = 0.12) -> Mesh:
     """A drinks can with its bevelled ends."""
     bevel = 0.15 * radius
-    return lathed(
+    return lathe(
         [(0, 0), (radius - bevel, 0), (radius, bevel), (radius, height - bevel), (radius - bevel, height), (0, height)]
     )
 
@@ -96,7 +96,7 @@ def bottle(radius: float = 0.035, height: float = 0.21) -> Mesh:
         for a in np.linspace(0, np.pi / 2, 9)
     ]
     neck = [(0.35 * radius, 0.9 * height), (0.42 * radius, 0.9 * height), (0.42 * radius, height), (0, height)]
-    return lathed([(0, 0), (radius, 0), *shoulder, *neck])
+    return lathe([(0, 0), (radius, 0), *shoulder, *neck])
 
 
 def bowl(radius: float = 0.08, height: float = 0.06, wall: float = 0.004) -> Mesh:
@@ -107,25 +107,25 @@ def bowl(radius: float = 0.08, height: float = 0.06, wall: float = 0.004) -> Mes
     heights = rise / rise[-1] * height
     outer = np.stack([radius * np.sin(angles), heights], axis=1)
     inner = np.stack([outer[:, 0] - wall, wall + heights * (height - wall) / height], axis=1)
-    return lathed(np.concatenate([[(0, 0)], outer, inner[::-1], [(0, wall)]]))
+    return lathe(np.concatenate([[(0, 0)], outer, inner[::-1], [(0, wall)]]))
 
 
 def mug(radius: float = 0.04, height: float = 0.095, wall: float = 0.004) -> Mesh:
     """A mug with its handle towards +x; two closed solids that overlap where the handle meets the wall."""
-    body = lathed([(0, 0), (radius, 0), (radius, height), (radius - wall, height), (radius - wall, wall), (0, wall)])
+    body = lathe([(0, 0), (radius, 0), (radius, height), (radius - wall, height), (radius - wall, wall), (0, wall)])
     angles = np.linspace(-np.pi / 2, np.pi / 2, 25)
     reach, rise = 0.75 * radius, 0.32 * height
     arc = np.stack(
         [radius - wall / 2 + reach * np.cos(angles), np.zeros(25), height / 2 + rise * np.sin(angles)], axis=1
     )
-    return Mesh.joined([body, swept(arc, 0.005)]).resting()
+    return Mesh.joined([body, sweep(arc, 0.005)]).resting()
 
 
 def drill() -> Mesh:
     """A cordless drill lying on its side: motor, grip, battery, chuck and bit; closed solids that overlap."""
     forward = rotation_from_vector([0.0, np.pi / 2, 0.0])
 
-    def lying(part: Mesh, x: float, y: float, z: float) -> Mesh:
+    def lay(part: Mesh, x: float, y: float, z: float) -> Mesh:
         return part.moved(Pose.of(forward, [x, y, z]))
 
     def slab(length: float, depth: float, thickness: float, x: float, y: float, z: float, turn: float = 0.0) -> Mesh:
@@ -134,9 +134,9 @@ def drill() -> Mesh:
     axis = 0.031
     return Mesh.joined(
         [
-            lying(can(0.030, 0.115), -0.075, 0.05, axis),
-            lying(lathed([(0, 0), (0.024, 0), (0.015, 0.045), (0, 0.045)]), 0.038, 0.05, axis),
-            lying(lathed([(0, 0), (0.0035, 0), (0.0035, 0.05), (0, 0.05)], 16), 0.08, 0.05, axis),
+            lay(can(0.030, 0.115), -0.075, 0.05, axis),
+            lay(lathe([(0, 0), (0.024, 0), (0.015, 0.045), (0, 0.045)]), 0.038, 0.05, axis),
+            lay(lathe([(0, 0), (0.0035, 0), (0.0035, 0.05), (0, 0.05)], 16), 0.08, 0.05, axis),
             slab(0.042, 0.11, 0.036, -0.035, -0.02, axis - 0.018, 0.2),
             slab(0.095, 0.042, 0.062, -0.03, -0.085, 0.0),
         ]

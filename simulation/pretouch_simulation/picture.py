@@ -82,7 +82,7 @@ def _draw_clouds(row: Any, grid: Any, column: int, recording: Recording, pose: P
     vertices = body.base_T_mesh.apply(body.mesh.vertices)
     origin = vertices.mean(axis=0) * [1, 1, 0]
     triangles = (vertices - origin)[body.mesh.faces] * _CM
-    cloud = (thinned(pose.apply(recording.case.cloud), _MOST_POINTS) - origin) * _CM
+    cloud = (thin_points(pose.apply(recording.case.cloud), _MOST_POINTS) - origin) * _CM
     finger = (np.concatenate([np.zeros((0, 3)), *recording.points]) - origin) * _CM
     low, high = limits(vertices, [recording.case.cloud, corrected.apply(recording.case.cloud)])
     low, high = (low - origin) * _CM - 1, (high - origin) * _CM + 1
@@ -126,6 +126,6 @@ def _draw_errors(axes: Any, recording: Recording) -> None:
     axes.set_title(f"{recording.last.state}: {used.fraction:.0%} scanned in {used.seconds:.0f} robot seconds")
 
 
-def thinned(points: Array, most: int) -> Array:
+def thin_points(points: Array, most: int) -> Array:
     """About `most` of the points (n, 3) at most, evenly chosen."""
     return points[:: max(1, len(points) // most)]

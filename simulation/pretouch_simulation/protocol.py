@@ -63,7 +63,7 @@ class Case:
     @cached_property
     def cloud(self) -> Array:
         """(n, 3), m: the object's points as the camera puts them in base."""
-        return self.base_T_camera.apply(self.camera.organised(self.depth.metres)[self.scored])
+        return self.base_T_camera.apply(self.camera.back_project_image(self.depth.metres)[self.scored])
 
     def error(self, base_T_correction: Pose) -> float:
         """m: mean distance of the object's points, as corrected, from their true place."""
@@ -76,7 +76,7 @@ class Case:
         shift = self.truth.apply(estimate.centroid) - estimate.base_T_correction.apply(estimate.centroid)
         return np.concatenate([turn, shift])
 
-    def covered(self, estimate: Estimate) -> bool:
+    def is_covered_by(self, estimate: Estimate) -> bool:
         """Whether the truth lies in the estimate's 95 % region."""
         error = self.deviation(estimate)
         return bool(error @ np.linalg.solve(estimate.covariance, error) <= CHI2_6_95)
@@ -126,16 +126,16 @@ def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator, camer
     base_T_mesh = Pose.from_rotation_vector([0.0, 0.0, rng.uniform(-np.pi, np.pi)], PLACE)
     world = World([Body(resting, base_T_mesh)], TABLE)
     middle = PLACE + np.array([0.0, 0.0, world.bodies[0].mesh.extents[2] / 2])
-    true_camera = looking_at(middle, rng.uniform(*CAMERA_DISTANCE), rng.uniform(*CAMERA_PITCH))
+    true_camera = look_at(middle, rng.uniform(*CAMERA_DISTANCE), rng.uniform(*CAMERA_PITCH))
     image = camera.render(world, CAMERA, true_camera, rng)
     scored = (image.bodies == 0) & (image.depth.metres > 0)
     if not (scored.any() and image.mask.any()):
         raise InvalidInput(f"The camera does not see {name}.", "Give a larger mesh, in metres.")
-    truth = draw_hidden_offset(true_camera.apply(CAMERA.organised(image.depth.metres)[scored]), rng)
+    truth = draw_hidden_offset(true_camera.apply(CAMERA.back_project_image(image.depth.metres)[scored]), rng)
     return Case(name, view, image.depth, CAMERA, truth.inverse() @ true_camera, image.mask, world, truth, scored)
 
 
-def looking_at(target: Array, distance: float, pitch: float) -> Pose:
+def look_at(target: Array, distance: float, pitch: float) -> Pose:
     """`base_T_camera` at `distance`, m, from `target` (3,), looking along base x and `pitch` rad down."""
     z = np.array([np.cos(pitch), 0.0, -np.sin(pitch)])
     x = np.array([0.0, -1.0, 0.0])

@@ -14,7 +14,7 @@ from scipy.stats import binom, chi2
 
 from pretouch.geometry import Array
 from pretouch_simulation.evaluation_rows import Run
-from pretouch_simulation.evaluation_summary import by_setup, states_after
+from pretouch_simulation.evaluation_summary import group_by_setup, states_after
 
 LEVELS: Array = np.append(np.arange(1, 20) / 20, 0.99)
 """Nominal probabilities of the regions that are evaluated: 5, 10, ... 95 and 99 %."""
@@ -25,7 +25,7 @@ _COLOURS = ("#1b9e77", "#d95f02", "#7570b3", "#e7298a", "#66a61e")
 _CM = 100.0
 
 
-def observed_shares(distances2: ArrayLike, levels: ArrayLike = LEVELS) -> Array:
+def compute_observed_shares(distances2: ArrayLike, levels: ArrayLike = LEVELS) -> Array:
     """The share (k,) of `distances2` (n,), chi-square of 6 degrees of freedom if honest, within each level's region."""
     limits = chi2.ppf(np.asarray(levels, dtype=np.float64), _DIMENSIONS)
     return np.asarray((np.asarray(distances2)[:, None] <= limits).mean(axis=0), dtype=np.float64)
@@ -37,7 +37,7 @@ def binomial_band(n: int, levels: ArrayLike = LEVELS) -> tuple[Array, Array]:
     return binom.ppf(0.025, n, p) / n, binom.ppf(0.975, n, p) / n
 
 
-def binned(expected: ArrayLike, achieved: ArrayLike, bins: int = _BINS) -> tuple[Array, Array]:
+def average_in_bins(expected: ArrayLike, achieved: ArrayLike, bins: int = _BINS) -> tuple[Array, Array]:
     """Means of both, (k,) and (k,), over groups of equally many runs in the order of `expected` (n,)."""
     x, y = np.asarray(expected, dtype=np.float64), np.asarray(achieved, dtype=np.float64)
     groups = [group for group in np.array_split(np.argsort(x, kind="stable"), bins) if len(group)]
@@ -55,7 +55,14 @@ def save_reliability(runs: Sequence[Run], scans: Sequence[int], title: str, path
         for scan, colour in zip(scans, _COLOURS, strict=False):
             distances2 = [detail.distance2 for _, detail in states_after(group, scan)]
             if distances2:
-                axes.plot(100 * LEVELS, 100 * observed_shares(distances2), "o-", ms=3, color=colour, label=_scans(scan))
+                axes.plot(
+                    100 * LEVELS,
+                    100 * compute_observed_shares(distances2),
+                    "o-",
+                    ms=3,
+                    color=colour,
+                    label=_scans(scan),
+                )
         axes.set(xlim=(0, 100), ylim=(0, 100), xlabel="nominal, %", ylabel="truth in the region, % of runs")
         axes.set_aspect("equal")
         axes.grid(alpha=0.3)
@@ -74,7 +81,9 @@ def save_expected_errors(runs: Sequence[Run], scans: Sequence[int], title: str, 
                 expected = _CM * np.array([row.expected_error for row in rows])
                 achieved = _CM * np.array([row.error for row in rows])
                 axes.scatter(expected, achieved, s=6, color=colour, alpha=0.35, linewidths=0)
-                axes.plot(*binned(expected, achieved), "o-", ms=5, color=colour, label=f"{_scans(scan)}, means")
+                axes.plot(
+                    *average_in_bins(expected, achieved), "o-", ms=5, color=colour, label=f"{_scans(scan)}, means"
+                )
         axes.set(xscale="log", yscale="log", xlim=(0.05, 5), ylim=(0.05, 5))
         ticks = (0.1, 0.2, 0.5, 1, 2, 5)
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -100,7 +109,7 @@ def _panels(runs: Sequence[Run], title: str) -> tuple[Any, list[tuple[Any, list[
     """A figure with a line of panels per engine and a column per camera and sensor, and the runs of each panel."""
     from matplotlib.figure import Figure
 
-    groups = by_setup(runs)
+    groups = group_by_setup(runs)
     engines, worlds = (list(dict.fromkeys(names)) for names in zip(*((s.engine, s.world) for s in groups), strict=True))
     size = (4.6 * len(worlds), 0.5 + 4.4 * len(engines))
     figure = Figure(figsize=size, layout="constrained")

@@ -13,7 +13,7 @@ from plotly.offline import get_plotlyjs
 
 from pretouch.geometry import Array
 from pretouch_simulation.demo import Recording
-from pretouch_simulation.picture import AFTER, BEFORE, FINGER, TRUE, depth_range, limits, thinned, window
+from pretouch_simulation.picture import AFTER, BEFORE, FINGER, TRUE, depth_range, limits, thin_points, window
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #222; }
@@ -134,7 +134,7 @@ def _clouds(recording: Recording) -> go.Figure:
     figure = go.Figure(
         go.Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, color=TRUE, opacity=0.5, name="true object", showlegend=True)
     )
-    cloud = thinned(case.cloud, _MOST_POINTS)
+    cloud = thin_points(case.cloud, _MOST_POINTS)
     corrected = recording.last.estimate.base_T_correction
     _add_points(figure, cloud, "camera's points before", BEFORE, 1.5)
     _add_points(figure, corrected.apply(cloud), "camera's points after", AFTER, 1.5)

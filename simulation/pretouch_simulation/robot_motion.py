@@ -46,10 +46,10 @@ def motion_around(scan: Trajectory, base_T_tip: Array | None) -> Motion:
     top = float((scan.base_T_tip[:, :3, 3] @ up).max()) + CLEARANCE
     legs = [first]
     if base_T_tip is None:
-        legs.insert(0, _raised(first, up, top))
+        legs.insert(0, _raise_pose(first, up, top))
     else:
         height = max(top, float(base_T_tip[:3, 3] @ up))
-        legs[:0] = [base_T_tip, _raised(base_T_tip, up, height), _raised(first, up, height)]
+        legs[:0] = [base_T_tip, _raise_pose(base_T_tip, up, height), _raise_pose(first, up, height)]
     times, poses = [0.0], [legs[0]]
     for pose in legs[1:]:
         _append(times, poses, pose)
@@ -57,11 +57,11 @@ def motion_around(scan: Trajectory, base_T_tip: Array | None) -> Motion:
     times += (start + scan.t[1:] - scan.t[0]).tolist()
     poses[-1:] = list(scan.base_T_tip)
     end = times[-1]
-    _append(times, poses, _raised(last, up, top))
+    _append(times, poses, _raise_pose(last, up, top))
     return Motion(Trajectory(np.array(times), np.stack(poses)), start, end)
 
 
-def _raised(base_T_tip: Array, up: Array, height: float) -> Array:
+def _raise_pose(base_T_tip: Array, up: Array, height: float) -> Array:
     """The pose moved along `up` to `height`, m."""
     raised = base_T_tip.copy()
     raised[:3, 3] += up * (height - base_T_tip[:3, 3] @ up)

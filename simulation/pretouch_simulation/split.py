@@ -41,7 +41,7 @@ def split_of(stem: str) -> Split:
     return Split.VALIDATION if _share(object_of(stem)) < VALIDATION_SHARE else Split.TRAIN
 
 
-def mixing_key(stem: str) -> float:
+def compute_mixing_key(stem: str) -> float:
     """A sort key in [0, 1): the order depends on the names alone and mixes the sources."""
     return _share(f"order of {stem}")
 

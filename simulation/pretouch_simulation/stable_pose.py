@@ -39,10 +39,10 @@ def stand(mesh: Mesh) -> Mesh:
     centre = _centre_of_mass(vertices, hull)
     if _stands(vertices, centre, np.array([0.0, 0.0, -1.0])):
         return mesh.resting()
-    return _rest_on(mesh, _resting_faces(vertices, hull, centre)[0])
+    return _rest_on(mesh, _find_resting_faces(vertices, hull, centre)[0])
 
 
-def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
+def find_resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
     """The mesh in up to `most` resting poses: that of `stand` first, then the likeliest after a drop.
 
     Poses that differ by a turn about the vertical alone, or by less than 20 degrees, count once.
@@ -54,14 +54,14 @@ def resting_poses(mesh: Mesh, most: int) -> list[Mesh]:
     vertices = _outermost(first.vertices)
     hull = ConvexHull(vertices)
     ways = [np.array([0.0, 0.0, -1.0])]
-    for down in _resting_faces(vertices, hull, _centre_of_mass(vertices, hull)):
+    for down in _find_resting_faces(vertices, hull, _centre_of_mass(vertices, hull)):
         if len(ways) < most and all(down @ way < _SAME_WAY for way in ways):
             ways.append(down)
     return [first, *(_rest_on(first, down) for down in ways[1:])][:most]
 
 
 def _rest_on(mesh: Mesh, down: Array) -> Mesh:
-    return mesh.moved(Pose.of(_rotation_down(down), np.zeros(3))).resting()
+    return mesh.moved(Pose.of(_rotate_down(down), np.zeros(3))).resting()
 
 
 def _outermost(vertices: Array) -> Array:
@@ -76,7 +76,7 @@ def _outermost(vertices: Array) -> Array:
     return np.asarray(vertices[order[np.append(np.diff(cells[order]) != 0, True)]])
 
 
-def _resting_faces(vertices: Array, hull: ConvexHull, centre: Array) -> list[Array]:
+def _find_resting_faces(vertices: Array, hull: ConvexHull, centre: Array) -> list[Array]:
     """Unit directions (3,) of the hull's faces on which the mesh stands, the largest solid angle first."""
     share: dict[tuple[float, ...], float] = {}
     faces: dict[tuple[float, ...], Array] = {}
@@ -102,7 +102,7 @@ def _centre_of_mass(vertices: Array, hull: ConvexHull) -> Array:
 def _stands(vertices: Array, centre: Array, down: Array) -> bool:
     """Whether the centre of mass is above the support polygon of the vertices that are lowest towards `down`."""
     depth = vertices @ down
-    to_plane = _rotation_down(down)
+    to_plane = _rotate_down(down)
     foot = (vertices[depth > depth.max() - _CONTACT] @ to_plane.T)[:, :2]
     mass = (to_plane @ centre)[:2]
     try:
@@ -112,7 +112,7 @@ def _stands(vertices: Array, centre: Array, down: Array) -> bool:
     return bool((support.equations[:, :2] @ mass + support.equations[:, 2] < _SLACK).all())
 
 
-def _rotation_down(down: Array) -> Array:
+def _rotate_down(down: Array) -> Array:
     """A rotation that takes the unit vector `down` to -z."""
     z = -down
     x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])

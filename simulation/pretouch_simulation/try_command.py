@@ -125,7 +125,7 @@ def _warn_of_view(record: Record, image: OwnImage, told: Console) -> None:
         told.print(
             f"Warning: the object is {size:.2f} m large. Check --depth-scale, and mark the object with --mask or --roi."
         )
-    down = _degrees_down(record)
+    down = _measure_degrees_down(record)
     if down < _FLAT:
         told.print(
             f"Warning: the camera looks only {down:.0f} degrees down on the table. Check the table in the picture; "
@@ -152,7 +152,7 @@ def _table(record: Record, image: OwnImage) -> Table:
     table.add_row("object", f"{found}: {int(scene.mask.sum())} pixels in {u0} {v0} {u1} {v1}")
     table.add_row("distance", f"{distance:.2f} m")
     table.add_row("size as seen", f"{width:.1f} x {depth:.1f} cm, {height:.1f} cm high")
-    height_of_camera, down = scene.base_T_camera.translation[2], _degrees_down(record)
+    height_of_camera, down = scene.base_T_camera.translation[2], _measure_degrees_down(record)
     found = "as given" if image.table is not None else "found"
     table.add_row("table", f"{found}: {height_of_camera:.2f} m below the camera, seen {down:.0f} degrees down")
     table.add_row("regions", f"{len(record.regions)}, by proposer {record.proposer.value}")
@@ -186,5 +186,5 @@ def _size(record: Record) -> tuple[float, float, float]:
     return float(sides[0]), float(sides[1]), float(np.quantile(points[:, 2], 0.995))
 
 
-def _degrees_down(record: Record) -> float:
+def _measure_degrees_down(record: Record) -> float:
     return float(np.degrees(np.arcsin(np.clip(-record.scene.base_T_camera.rotation[2, 2], -1.0, 1.0))))

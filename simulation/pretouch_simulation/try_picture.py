@@ -10,7 +10,7 @@ from pretouch_orchestrator.sessions.record import Record
 
 from pretouch.camera import DepthImage
 from pretouch.geometry import Array
-from pretouch_simulation.picture import thinned
+from pretouch_simulation.picture import thin_points
 
 _OBJECT, _AROUND, _PATH = "#d95f02", "#b8b8b8", "#1f1f9f"
 _MARGIN = 50
@@ -94,9 +94,9 @@ def _draw_view(axes: Any, record: Record, up: int) -> None:
     scene, plan = record.scene, record.next_scan
     path: Array = plan.path.base_T_tip[:, :3, 3] if plan is not None else np.zeros((0, 3))
     middle = scene.centroid * [1, 1, 0]
-    cloud = thinned((scene.cloud - middle) * _CM, _MOST_POINTS)
+    cloud = thin_points((scene.cloud - middle) * _CM, _MOST_POINTS)
     around = scene.organised[(scene.depth.metres > 0) & ~scene.mask]
-    around = thinned((around - middle) * _CM, _MOST_POINTS)
+    around = thin_points((around - middle) * _CM, _MOST_POINTS)
     path = (path - middle) * _CM
     axes.scatter(around[:, 0], around[:, up], s=2, color=_AROUND, linewidths=0, label="around it")
     axes.scatter(cloud[:, 0], cloud[:, up], s=3, color=_OBJECT, linewidths=0, label="the object")

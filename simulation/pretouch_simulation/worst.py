@@ -98,7 +98,7 @@ def worst_runs(runs: Sequence[Run], scan: int, count: int) -> list[Run]:
 def diagnose(case: Case, record: Record, engine: Engine) -> Diagnosis:
     """Diagnoses the session `record` on `case`, whose estimate is by `engine`."""
     scan = Scan.concatenate(list(record.measured))
-    kinds = surfaces_met(case, scan.points())
+    kinds = identify_surfaces(case, scan.points())
     detail = Detail.of(case, record.estimate)
     error = case.error(record.estimate.base_T_correction)
     second = _second_place(case, record, engine)
@@ -116,7 +116,7 @@ def diagnose(case: Case, record: Record, engine: Engine) -> Diagnosis:
     )
 
 
-def surfaces_met(case: Case, points: Array) -> NDArray[np.str_]:
+def identify_surfaces(case: Case, points: Array) -> NDArray[np.str_]:
     """(n,) `Met` of points (n, 3), m, in base, as the finger found them."""
     in_camera = case.base_T_camera.inverse().apply(case.truth.inverse().apply(points))
     height, width = case.mask.shape

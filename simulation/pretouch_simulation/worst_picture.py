@@ -15,10 +15,10 @@ from pretouch_orchestrator.sessions.record import Record
 
 from pretouch.geometry import Array, Pose
 from pretouch.tof import Scan
-from pretouch_simulation.picture import limits, thinned
+from pretouch_simulation.picture import limits, thin_points
 from pretouch_simulation.protocol import Case
 from pretouch_simulation.reliability import save_small
-from pretouch_simulation.worst import Diagnosis, Met, surfaces_met
+from pretouch_simulation.worst import Diagnosis, Met, identify_surfaces
 
 _TRUE, _ESTIMATED, _MISS = "#1b7837", "#d95f02", "#377eb8"
 _MET = {Met.SEEN: "#1f1f1f", Met.HIDDEN: "#e7298a", Met.BLIND: "#984ea3", Met.TABLE: "#999999"}
@@ -51,7 +51,7 @@ def save_worst(failures: Sequence[Failure], title: str, path: Path) -> None:
             line.suptitle(f"{failure.title}: {failure.diagnosis.reason}", fontsize=11, x=0.01, ha="left", weight="bold")
             depth, above, side, numbers = line.subplots(1, 4, width_ratios=(1.2, 1, 1, 0.9))
             scan = Scan.concatenate(list(failure.record.measured))
-            kinds = surfaces_met(failure.case, scan.points())
+            kinds = identify_surfaces(failure.case, scan.points())
             _draw_depth(depth, failure.case, scan, kinds)
             _draw_view(above, failure, scan, kinds, 1, "from above", "base y, cm")
             _draw_view(side, failure, scan, kinds, 2, "from the side", "height, cm")
@@ -99,7 +99,7 @@ def _draw_view(
     )
     clouds = ((case.truth, _TRUE, "the camera's points, truly"), (corrected, _ESTIMATED, "... as estimated"))
     for pose, colour, name in clouds:
-        points = flat(thinned(pose.apply(case.cloud), _MOST_POINTS))
+        points = flat(thin_points(pose.apply(case.cloud), _MOST_POINTS))
         axes.scatter(*points.T, s=3, color=colour, alpha=0.5, linewidths=0, label=name)
     for kind, colour in _MET.items():
         axes.scatter(*flat(scan.points()[kinds == kind]).T, s=7, color=colour, linewidths=0, label=f"hits {kind.value}")

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from helpers.processes import free_port
 from helpers.scenes import Box, View, World
-from pretouch_detector.proposals import readiness
+from pretouch_detector.proposals import list_readiness
 
 from pretouch.client import GrpcClient, RestClient, drive
 from pretouch.errors import Unauthenticated
@@ -158,7 +158,7 @@ def test_a_session_converges_and_outlives_the_orchestrators_container(stack: Dep
         request = SessionRequest(camera=View().camera, base_T_camera=View().base_T_camera, depth_scale=1.0)
         session = client.create_session(request, depth.metres, mask.astype(np.uint8) * 255)
         assert session.state is State.AWAITING_SCAN
-        assert session.proposer is readiness()[0][0], "the image lacks what the best proposer needs"
+        assert session.proposer is list_readiness()[0][0], "the image lacks what the best proposer needs"
         before = mean_error(session.estimate.base_T_correction)
         *_, session = drive(client, session, measured)
         assert session.state in (State.CONVERGED, State.EXHAUSTED)

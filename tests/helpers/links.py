@@ -24,16 +24,16 @@ class Ears:
         self.times: list[float] = []
         self._news = asyncio.Event()
 
-    def opened(self, at: float) -> None:
+    def on_opened(self, at: float) -> None:
         self._note("opened", at)
 
-    def received(self, data: bytes, at: float) -> None:
+    def on_received(self, data: bytes, at: float) -> None:
         if self.events and isinstance(last := self.events[-1], bytes):
             data = last + data
             del self.events[-1]
         self._note(data, at)
 
-    def closed(self, at: float) -> None:
+    def on_closed(self, at: float) -> None:
         self._note("closed", at)
 
     @property

@@ -11,7 +11,7 @@ from PIL import Image
 from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.mesh import Mesh
 from pretouch_simulation.objects import box, can
-from pretouch_simulation.protocol import PLACE, TABLE, looking_at
+from pretouch_simulation.protocol import PLACE, TABLE, look_at
 from pretouch_simulation.world import Body, World
 
 from pretouch.camera import Camera
@@ -29,7 +29,7 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
 
 def write_frame(folder: Path) -> Path:
     """Writes the frame's files into `folder`; the path of its .json."""
-    base_T_camera = looking_at(PLACE, 0.7, 0.9)
+    base_T_camera = look_at(PLACE, 0.7, 0.9)
     meshes = {"box": box(0.08, 0.06, 0.05), "can": can(0.03, 0.06)}
     places = {"box": [0.0, 0.0, 0.0], "can": [0.0, 0.13, 0.0]}
     bodies = [Body(meshes[name], Pose.of(np.eye(3), PLACE + np.array(places[name]))) for name in meshes]

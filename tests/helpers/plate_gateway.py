@@ -108,7 +108,7 @@ class PlateGateway(SensorGatewayServiceServicer):
             if module is None:
                 continue
             noise = self._rng.standard_normal(BATCH) * module.std_at(plate) / module.gain(plate)
-            raw[:, k] = np.round(module.reading(plate) + noise, 3)
+            raw[:, k] = np.round(module.predict_reading(plate) + noise, 3)
             raw[self._rng.uniform(size=BATCH) < self.outliers, k] = 0.2
             status[:, k] = 0
         lost = self._rng.uniform(size=status.shape) < 0.05

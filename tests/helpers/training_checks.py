@@ -13,7 +13,7 @@ import numpy as np
 import torch
 import typer
 from pretouch_detector.model.encoding import CHANNELS, SIZE, Encoding
-from pretouch_detector.model.scorer import OUTPUTS, Scorer, perimeter
+from pretouch_detector.model.scorer import OUTPUTS, Scorer, sample_perimeters
 from pretouch_detector.model.weights import FOLDER, load
 from pretouch_detector.training.command import train
 from pretouch_detector.training.dataset import SIDES, Dataset, write
@@ -66,7 +66,7 @@ def perimeters(folder: Path) -> None:
     rng = np.random.default_rng(1)
     given = np.column_stack([rng.normal(size=(50, 2)), rng.uniform(0.1, 2, (50, 2)), rng.uniform(-1.5, 1.5, 50)])
     model = Scorer()
-    points, tangents = (each.double().numpy() for each in perimeter(torch.tensor(given), model.steps.double()))
+    points, tangents = (each.double().numpy() for each in sample_perimeters(torch.tensor(given), model.steps.double()))
     for row, on, along in zip(given, points, tangents, strict=True):
         step = 2 * (row[2] + row[3]) / len(on)
         rectangle = RotatedRectangle(*row)
@@ -129,7 +129,7 @@ def served_equals_torch(folder: Path) -> None:
             with torch.no_grad():
                 inputs = (view.image[None], view.rectangles[:n], view.analytic[:n])
                 told = served(*map(torch.tensor, inputs)).numpy()
-            answered = network.errors(encoding, view.rectangles[:n], view.analytic[:n])
+            answered = network.predict_errors(encoding, view.rectangles[:n], view.analytic[:n])
             np.testing.assert_allclose(answered, np.exp(told[:, 0]), rtol=1e-4)
     assert told.shape == (12, 2)
     assert len(OUTPUTS) == 4
@@ -158,7 +158,9 @@ def commanded(folder: Path) -> None:
         with torch.no_grad():
             inputs = (torch.tensor(each)[None] for each in (view.image, view.rectangles, view.analytic))
             by_torch = scorer.eval()(*inputs)[0, :, 0].exp().numpy()
-        answered = load(folder / name, 1).errors(Encoding(view.image, (0.0, 0.0), 1.0), view.rectangles, view.analytic)
+        answered = load(folder / name, 1).predict_errors(
+            Encoding(view.image, (0.0, 0.0), 1.0), view.rectangles, view.analytic
+        )
         np.testing.assert_allclose(answered, by_torch, rtol=1e-4)
 
 
@@ -189,7 +191,9 @@ def shipped(folder: Path) -> None:
         )
         with torch.no_grad():
             by_scorer = scorer.eval()(image, rectangles, analytic)[0, :, 0].exp().numpy()
-        np.testing.assert_allclose(network.errors(encoding, view.rectangles, view.analytic), by_scorer, rtol=1e-4)
+        np.testing.assert_allclose(
+            network.predict_errors(encoding, view.rectangles, view.analytic), by_scorer, rtol=1e-4
+        )
 
 
 def refuses(folder: Path) -> None:

@@ -76,7 +76,7 @@ def test_samples_are_of_the_surface_below_the_tip() -> None:
 def test_the_camera_sees_the_table_at_its_height_and_the_truth_is_no_error() -> None:
     scene = world()
     view = photograph(scene, np.random.default_rng(1))
-    points = view.base_T_camera.apply(INTRINSICS.organised(view.depth * 0.0005))
+    points = view.base_T_camera.apply(INTRINSICS.back_project_image(view.depth * 0.0005))
     heights = points[..., 2][view.depth > 0]
     assert abs(float(np.median(heights[np.abs(heights) < 0.01]))) < 0.001
     truth = Truth.hidden(view, np.random.default_rng(2))

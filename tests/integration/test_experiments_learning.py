@@ -29,13 +29,13 @@ def test_the_oracle_is_scored_on_the_offsets_that_it_did_not_choose_by() -> None
 
 
 def test_the_best_by_another_order_are_the_first_of_it() -> None:
-    assert oracle.ranked([[1.0, 3.0], [5.0, 5.0], [9.0, 11.0]], by=[0.3, 0.2, 0.1], best=2) == pytest.approx(7.5)
+    assert oracle.average_best([[1.0, 3.0], [5.0, 5.0], [9.0, 11.0]], by=[0.3, 0.2, 0.1], best=2) == pytest.approx(7.5)
 
 
 def test_the_gain_taken_is_counted_from_chance_to_the_oracle() -> None:
-    assert oracle.gap_closed(0.010, 0.004, 0.002) == pytest.approx(0.75)
-    assert oracle.gap_closed(0.010, 0.012, 0.002) == pytest.approx(-0.25)
-    assert math.isnan(oracle.gap_closed(0.002, 0.001, 0.002))
+    assert oracle.compute_gap_closed(0.010, 0.004, 0.002) == pytest.approx(0.75)
+    assert oracle.compute_gap_closed(0.010, 0.012, 0.002) == pytest.approx(-0.25)
+    assert math.isnan(oracle.compute_gap_closed(0.002, 0.001, 0.002))
 
 
 def row(target: str, subject: str, errors: list[list[float]], **changes: Any) -> Any:

@@ -31,7 +31,7 @@ from pretouch_sensor_gateway.calibration.model import ModuleCalibration
 from pretouch_simulation.finger_process import run
 module, rng = ModuleCalibration(0.004, 1.03, 10.0), np.random.default_rng(0)
 def measured(poses):
-    return module.reading(poses[:, 2, 3]) + 0.0006 * rng.standard_normal(len(poses)), np.zeros(len(poses), int)
+    return module.predict_reading(poses[:, 2, 3]) + 0.0006 * rng.standard_normal(len(poses)), np.zeros(len(poses), int)
 run(measured, rate=100.0, seed=3)
 """
 

@@ -16,7 +16,7 @@ from helpers.faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
 from pretouch_sensor_gateway.transport import link
 
-from benchmarks.virtual_finger import flipped
+from benchmarks.virtual_finger import flip_bits
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
 ONE_BOOT = {0: 1}
@@ -100,7 +100,7 @@ async def test_one_percent_of_flipped_bits_costs_the_frames_they_hit(tmp_path: P
         await clients.opened()
         await board.bursts(4)
         await listener.until(lambda: listener.got == 20)
-        board.damage = lambda data: flipped(data, 0.01, rng)
+        board.damage = lambda data: flip_bits(data, 0.01, rng)
         await board.bursts(300, frames=10)
         board.damage = whole
         board.write(b"\0")

@@ -311,9 +311,9 @@ async def test_a_device_that_never_stops_sending_leaves_the_others_their_turn() 
     turn = 0
 
     class Counting(Ears):
-        def received(self, data: bytes, at: float) -> None:
+        def on_received(self, data: bytes, at: float) -> None:
             reads.append((turn, len(data)))
-            super().received(data, at)
+            super().on_received(data, at)
 
     async def send(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(flood)

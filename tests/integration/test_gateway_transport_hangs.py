@@ -239,7 +239,7 @@ async def test_a_link_that_is_cancelled_in_the_turn_in_which_its_port_opens_clos
 
 async def test_a_listeners_defect_ends_the_link_with_the_port_closed(pty: Pty) -> None:
     class Deaf(Ears):
-        def received(self, data: bytes, at: float) -> None:
+        def on_received(self, data: bytes, at: float) -> None:
             raise OSError("a defect")
 
     before = open_files()

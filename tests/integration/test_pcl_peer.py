@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pretouch_registrar.engines import pcl
 
-from benchmarks.registration import shared_peers
+from benchmarks.registration import find_shared_peers
 from benchmarks.registration_cases import make_cases
 from benchmarks.registration_peers import write_cases
 
@@ -18,7 +18,7 @@ CLOSE = 0.0005
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    source = shared_peers()
+    source = find_shared_peers()
     if (source / "bench").is_file():
         return source / "bench"
     if not (source / "bench.cpp").is_file():

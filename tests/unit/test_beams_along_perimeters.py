@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_detector.proposals.displaced import mean_square
-from pretouch_detector.proposals.from_above import Grid, from_above
-from pretouch_detector.proposals.paths import perimeter_paths
+from pretouch_detector.proposals.displaced import average_square_errors
+from pretouch_detector.proposals.from_above import Grid, project_from_above
+from pretouch_detector.proposals.paths import trace_perimeters
 
 PIXEL, CELL = 0.002, 0.003
 SIDE = 60
@@ -20,7 +20,7 @@ def ground() -> np.ndarray:
 
 
 def along(places: np.ndarray, boxes: np.ndarray, away: np.ndarray, beams: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    return perimeter_paths(boxes, places, (0, 0), 1, away, Grid(np.zeros(2), CELL, away.shape), 0.015, beams)
+    return trace_perimeters(boxes, places, (0, 0), 1, away, Grid(np.zeros(2), CELL, away.shape), 0.015, beams)
 
 
 def test_a_path_goes_once_round_evenly() -> None:
@@ -57,7 +57,7 @@ def test_what_is_left_is_the_mean_of_the_inverses(seed: int) -> None:
     root = rng.normal(size=(6, 6))
     precision, lever = root @ root.T + np.eye(6), rng.normal(size=(6, 6))
     independent = rng.uniform(0.1, 2.0, 3)
-    found = mean_square(rows, Grid(corner, CELL, (7, 9)), ways, independent, shifts, precision, lever)
+    found = average_square_errors(rows, Grid(corner, CELL, (7, 9)), ways, independent, shifts, precision, lever)
     for n in range(3):
         left = []
         for x, y, turn in shifts:
@@ -78,7 +78,7 @@ def test_object_and_table_are_told_apart_from_above_and_the_highest_counts() -> 
     turn, shift = np.diag([1.0, 1.0, -1.0]), np.array([0.0, 0.0, 1.0])
     camera = np.array([1.0, 1.0, 2.0, 2.0])
     grid = Grid(np.array([0.0, -1.0]), 1.0, (3, 3))
-    places, top, ground = from_above(depth, mask, camera, turn, shift, 0.015, grid)
+    places, top, ground = project_from_above(depth, mask, camera, turn, shift, 0.015, grid)
     np.testing.assert_allclose(places[2, 3], [0.8, 0.0])
     np.testing.assert_allclose(places[3, 4], [2.0, 1.0])
     assert np.isnan(places[0, 0]).all()  # no depth

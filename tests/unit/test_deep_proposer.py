@@ -8,9 +8,9 @@ import pytest
 from helpers import made_network
 from helpers.scenes import KINECT, Box, View, World, looking
 from pretouch_detector.model.weights import Network, Weights, load
-from pretouch_detector.overlap import intersection_over_union
+from pretouch_detector.overlap import compute_intersection_over_union
 from pretouch_detector.proposals import deep, propose
-from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.proposals.information import predict_errors_after_scans
 from pretouch_detector.proposals.random import AREA, LOG_ASPECT, MIN_OVERLAP, draw_rectangles
 from pretouch_detector.suppression import MAX_OVERLAP
 
@@ -31,7 +31,7 @@ AT_THE_BORDER = View(looking((0.0, 0.47, 0.02)))
 def network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Network:
     weights = Weights(made_network.write(tmp_path / "weights"))
     monkeypatch.setattr(deep, "WEIGHTS", weights)
-    return weights.network()
+    return weights.get_network()
 
 
 def rows(scene: Scene, count: int = 20, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -49,8 +49,8 @@ def check(scene: Scene, rectangles: np.ndarray) -> None:
     assert (np.abs(np.log(rectangles[:, 2] / rectangles[:, 3])) <= LOG_ASPECT + 1e-9).all()
     assert (2 * np.abs(rectangles[:, :2] - bounding[:2]) <= bounding[2:4] + 1e-9).all()
     for k, rectangle in enumerate(rectangles):
-        assert intersection_over_union(bounding, rectangle) >= MIN_OVERLAP - 1e-9
-        assert all(intersection_over_union(rectangle, other) <= MAX_OVERLAP + 1e-9 for other in rectangles[:k])
+        assert compute_intersection_over_union(bounding, rectangle) >= MIN_OVERLAP - 1e-9
+        assert all(compute_intersection_over_union(rectangle, other) <= MAX_OVERLAP + 1e-9 for other in rectangles[:k])
 
 
 def test_the_regions_are_the_networks_best_of_many(network: Network) -> None:
@@ -69,11 +69,13 @@ def test_the_regions_are_the_networks_best_of_many(network: Network) -> None:
 def test_a_network_without_a_word_of_its_own_leaves_the_ranking_of_stability(tmp_path: Path) -> None:
     silent = load(made_network.write(tmp_path / "silent", [0] * 5, bias=0.0, share=1.0), 1)
     scene = WORLD.scene()
-    regions = deep.propose_by(silent, scene, Sensor(), 10, np.random.default_rng(0))
+    regions = deep.propose_with(silent, scene, Sensor(), 10, np.random.default_rng(0))
     rectangles = np.array([region.rectangle.as_list() for region in regions])
-    analytic, _ = remaining_error(scene, Sensor(), rectangles)
+    analytic, _ = predict_errors_after_scans(scene, Sensor(), rectangles)
     assert (np.diff(analytic) > -1e-6).all()
-    drawn_best = remaining_error(scene, Sensor(), draw_rectangles(scene, 200, np.random.default_rng(0)))[0].min()
+    drawn_best = predict_errors_after_scans(scene, Sensor(), draw_rectangles(scene, 200, np.random.default_rng(0)))[
+        0
+    ].min()
     assert analytic[0] <= drawn_best + 1e-6
 
 
@@ -84,12 +86,12 @@ def test_the_same_request_gives_the_same_regions_whoever_asks_beside_it(tmp_path
         answers = list(pool.map(lambda seed: propose(scene, Proposer.DEEP, Sensor(), 20, seed), [7, 8, 7, 9, 7, 7]))
     assert [answer == expected for answer in answers] == [True, False, True, False, True, True]
     alone = load(tmp_path / "weights", 1)
-    assert deep.propose_by(alone, scene, Sensor(), 20, np.random.default_rng(7)) == expected.regions
+    assert deep.propose_with(alone, scene, Sensor(), 20, np.random.default_rng(7)) == expected.regions
 
 
 def test_a_confidence_is_a_share_however_bad_the_network_thinks_all_regions(tmp_path: Path) -> None:
     hopeless = load(made_network.write(tmp_path / "hopeless", bias=3.0), 1)
-    regions = deep.propose_by(hopeless, WORLD.scene(), Sensor(), 5, np.random.default_rng(0))
+    regions = deep.propose_with(hopeless, WORLD.scene(), Sensor(), 5, np.random.default_rng(0))
     assert [region.confidence for region in regions] == [0.0] * 5
 
 

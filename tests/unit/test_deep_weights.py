@@ -11,7 +11,7 @@ from helpers import made_network
 from helpers.scenes import Box, World
 from pretouch_detector.model.encoding import CHANNELS
 from pretouch_detector.model.weights import FORMAT, Weights
-from pretouch_detector.proposals import deep, propose, readiness
+from pretouch_detector.proposals import deep, list_readiness, propose
 
 from pretouch.errors import Unavailable, problem
 from pretouch.session import Proposer
@@ -54,7 +54,7 @@ def test_weights_that_cannot_be_used(name: str, tmp_path: Path, monkeypatch: pyt
     change, word = BAD[name]
     change(made_network.write(tmp_path / "weights"))
     monkeypatch.setattr(deep, "WEIGHTS", Weights(tmp_path / "weights"))
-    states = readiness()
+    states = list_readiness()
     assert states[:-1] == [(other, "") for other in OTHERS]
     assert states[-1][0] is Proposer.DEEP
     assert word in states[-1][1]
@@ -70,30 +70,30 @@ def test_weights_that_cannot_be_used(name: str, tmp_path: Path, monkeypatch: pyt
 def test_without_onnxruntime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(deep, "WEIGHTS", Weights(made_network.write(tmp_path / "weights")))
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    assert dict(readiness())[Proposer.DEEP] == "onnxruntime is not installed."
+    assert dict(list_readiness())[Proposer.DEEP] == "onnxruntime is not installed."
 
 
 def test_weights_that_fit_make_deep_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(deep, "WEIGHTS", Weights(made_network.write(tmp_path / "weights")))
-    assert readiness() == [(proposer, "") for proposer in (Proposer.DEEP, *OTHERS)]
+    assert list_readiness() == [(proposer, "") for proposer in (Proposer.DEEP, *OTHERS)]
     assert propose(SCENE, None, Sensor(), 3, 0).proposer is Proposer.DEEP
 
 
 def test_the_weights_that_are_shipped_make_deep_the_best_and_know_a_bad_region_from_a_good_one() -> None:
-    assert readiness()[0] == (Proposer.DEEP, "")
+    assert list_readiness()[0] == (Proposer.DEEP, "")
     u0, v0, u1, v1 = SCENE.bounds()
     across = (0.5 * (u0 + u1), 0.5 * (v0 + v1), 0.7 * (u1 - u0), 0.7 * (v1 - v0), 0.3)
     corner = (u0, v0, 0.2 * (u1 - u0), 0.2 * (v1 - v0), 0.0)
-    good, bad = deep.predict_errors(deep.WEIGHTS.network(), SCENE, Sensor(), np.array([across, corner]))
+    good, bad = deep.predict_errors(deep.WEIGHTS.get_network(), SCENE, Sensor(), np.array([across, corner]))
     assert 0.0005 < good < bad < 0.03
 
 
 def test_the_network_is_read_once(tmp_path: Path) -> None:
     folder = made_network.write(tmp_path / "weights")
     weights = Weights(folder)
-    network = weights.network()
+    network = weights.get_network()
     (folder / "scorer.onnx").unlink()
-    assert weights.network() is network
+    assert weights.get_network() is network
 
 
 def test_naming_the_proposers_imports_no_onnxruntime_and_asking_deep_no_torch(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_naming_the_proposers_imports_no_onnxruntime_and_asking_deep_no_torch(tm
         "import sys, pathlib, pretouch_detector.proposals.deep as deep, pretouch_detector.model.weights as weights\n"
         "assert 'onnxruntime' not in sys.modules\n"
         f"deep.WEIGHTS = weights.Weights(pathlib.Path({str(tmp_path / 'weights')!r}))\n"
-        "assert not deep.reason_not_ready(), deep.reason_not_ready()\n"
+        "assert not deep.explain_unready(), deep.explain_unready()\n"
         "assert 'onnxruntime' in sys.modules\n"
         "sys.exit('torch' in sys.modules)"
     )
@@ -110,10 +110,10 @@ def test_naming_the_proposers_imports_no_onnxruntime_and_asking_deep_no_torch(tm
 
 
 def test_the_error_is_the_exponential_of_the_answer(tmp_path: Path) -> None:
-    network = Weights(made_network.write(tmp_path / "weights", (0, 0, 0.5, 0, 0), -1.0, 0.5)).network()
+    network = Weights(made_network.write(tmp_path / "weights", (0, 0, 0.5, 0, 0), -1.0, 0.5)).get_network()
     encoding = deep.encode(SCENE)
     assert encoding.image.shape[0] == len(CHANNELS)
     rectangles = np.array([(60.0, 50, 20, 10, 0.1), (70.0, 55, 30, 12, 0.2)])
     analytic = np.array([0.004, 0.009])
     expected = np.exp(-1.0 + 0.5 * rectangles[:, 2] / encoding.half) * np.sqrt(analytic)
-    np.testing.assert_allclose(network.errors(encoding, rectangles, analytic), expected, rtol=1e-5)
+    np.testing.assert_allclose(network.predict_errors(encoding, rectangles, analytic), expected, rtol=1e-5)

@@ -56,4 +56,4 @@ def test_an_object_at_the_images_border_and_a_camera_that_looks_straight_down() 
 def test_in_the_squares_units_a_rectangle_keeps_its_direction_and_the_square_reaches_from_minus_1_to_1() -> None:
     encoding = Encoding(np.zeros((len(CHANNELS), SIZE, SIZE), np.float32), (321.5, 77.0), 50.0)
     given = [(271.5, 27.0, 100.0, 25.0, 0.3), (371.5, 127.0, 50.0, 200.0, -1.5)]
-    np.testing.assert_allclose(encoding.normalised(given), [(-1, -1, 2, 0.5, 0.3), (1, 1, 1, 4, -1.5)], rtol=1e-6)
+    np.testing.assert_allclose(encoding.normalise(given), [(-1, -1, 2, 0.5, 0.3), (1, 1, 1, 4, -1.5)], rtol=1e-6)

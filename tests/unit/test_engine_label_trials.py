@@ -16,7 +16,7 @@ from pretouch.rectangle import RotatedRectangle
 def view() -> View:
     scene = World((Box.standing((0.10, 0.06, 0.05), (0.0, 0.0), 0.4),)).scene(noise=np.random.default_rng(5))
     scene = scene.cropped(0.02)[0]
-    cloud = scene.camera.organised(scene.depth.metres)
+    cloud = scene.camera.back_project_image(scene.depth.metres)
     normals = np.broadcast_to(scene.base_T_camera.inverse().rotate([0.0, 0.0, 1.0]), cloud.shape)
     return View(cloud, scene.mask, scene.camera, normals)
 

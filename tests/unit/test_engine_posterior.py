@@ -57,7 +57,7 @@ def comb() -> World:
 def ridges() -> Scene:
     depth, _ = comb().depth(KINECT, np.random.default_rng(1))
     whole = comb().scene(KINECT)
-    points = whole.base_T_camera.apply(whole.camera.organised(depth.metres))
+    points = whole.base_T_camera.apply(whole.camera.back_project_image(depth.metres))
     mask = (points[..., 2] > 0.006) & (np.abs(points[..., :2]).max(axis=2) < 0.06)
     return Scene(depth, whole.camera, whole.base_T_camera, mask, whole.table).cropped(0.08)[0]
 

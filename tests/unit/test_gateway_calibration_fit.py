@@ -34,7 +34,7 @@ def readings_of(
     for distance in distances:
         r = np.full(count, distance + placement * rng.standard_normal())
         noise = rng.standard_normal(count) * true.std_at(r) / true.gain(r)
-        raw = true.reading(r) + noise
+        raw = true.predict_reading(r) + noise
         if step:
             raw = np.round(raw / step) * step
         bad = rng.uniform(size=count) < outliers
@@ -79,7 +79,7 @@ def test_calibrated_readings_are_distances() -> None:
     for point in found.points:
         assert abs(point.residual) < 0.001
         assert abs(point.mean - point.distance) > 0.01
-    off = np.abs(found.calibration.distance(GLASS.reading(DISTANCES)) - DISTANCES)
+    off = np.abs(found.calibration.distance(GLASS.predict_reading(DISTANCES)) - DISTANCES)
     assert off.max() < 0.001
 
 

@@ -34,7 +34,7 @@ CALIBRATIONS = st.builds(
 @given(MODULES, st.floats(0.0, 0.99))
 def test_the_distance_of_a_reading_is_the_distance_it_was_read_at(module: ModuleCalibration, share: float) -> None:
     distance = np.array([share * min(module.reach, 4.0)])
-    np.testing.assert_allclose(module.distance(module.reading(distance)), distance, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(module.distance(module.predict_reading(distance)), distance, rtol=1e-9, atol=1e-12)
 
 
 @given(MODULES)
@@ -42,7 +42,7 @@ def test_within_the_reach_a_farther_target_reads_more_and_a_greater_reading_is_f
     module: ModuleCalibration,
 ) -> None:
     distances = np.linspace(0, 0.99 * min(module.reach, 4.0), 200)
-    readings = module.reading(distances)
+    readings = module.predict_reading(distances)
     assert (np.diff(readings) > 0).all()
     assert (np.diff(module.distance(np.linspace(module.offset, readings[-1], 200))) > 0).all()
 
@@ -50,7 +50,7 @@ def test_within_the_reach_a_farther_target_reads_more_and_a_greater_reading_is_f
 @given(MODULES, st.floats(0.0, 0.9))
 def test_the_gain_is_the_slope_of_the_inverse(module: ModuleCalibration, share: float) -> None:
     r = np.array(share * min(module.reach, 4.0))
-    reading, step = module.reading(r), 1e-6 * min(module.reach, 1.0)
+    reading, step = module.predict_reading(r), 1e-6 * min(module.reach, 1.0)
     ahead, behind = module.distance(reading + step), module.distance(np.maximum(reading - step, module.offset))
     width = step + np.minimum(step, reading - module.offset)
     np.testing.assert_allclose(module.gain(r), (ahead - behind) / width, rtol=1e-3)
@@ -58,7 +58,7 @@ def test_the_gain_is_the_slope_of_the_inverse(module: ModuleCalibration, share: 
 
 def test_glass_shortens_what_is_read_by_its_share_of_the_light() -> None:
     module = ModuleCalibration(crosstalk=10.0)
-    assert module.reading(np.array(0.1)) == pytest.approx(0.1 / 1.1)
+    assert module.predict_reading(np.array(0.1)) == pytest.approx(0.1 / 1.1)
     assert module.reach == pytest.approx(math.sqrt(0.1))
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.clock.ping_clock import HostTime, PingClock
 
-from benchmarks.clock_devices import CASES, START, Case, FormerClock, Oscillator, Run, log_normal, pinged, usb
+from benchmarks.clock_devices import CASES, START, Case, FormerClock, Oscillator, Run, log_normal, ping_device, usb
 
 SECONDS = 900.0
 CRYSTALS = [name for name in CASES if name.startswith("crystal")]
@@ -19,7 +19,7 @@ CRYSTALS = [name for name in CASES if name.startswith("crystal")]
 
 @functools.cache
 def run_of(name: str) -> Run:
-    return pinged(PingClock(), CASES[name], SECONDS, seed=11)
+    return ping_device(PingClock(), CASES[name], SECONDS, seed=11)
 
 
 def synchronised(drift: float = 20e-6, pings: int = 60) -> tuple[PingClock, float]:
@@ -64,7 +64,7 @@ def test_the_drift_is_known_after_a_minute(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "better"), [(name, 1.3 if name in CRYSTALS else 30) for name in CASES])
 def test_times_are_better_than_by_the_best_single_ping(name: str, better: float) -> None:
-    former, _ = pinged(FormerClock(), CASES[name], SECONDS, seed=11).between(0, SECONDS)
+    former, _ = ping_device(FormerClock(), CASES[name], SECONDS, seed=11).between(0, SECONDS)
     error, _ = run_of(name).between(0, SECONDS)
     assert np.sqrt(np.mean(former**2)) > better * np.sqrt(np.mean(error**2))
 
@@ -78,7 +78,7 @@ def test_a_ping_moves_times_within_what_was_stated(name: str) -> None:
 
 @pytest.mark.parametrize("name", CRYSTALS)
 def test_ten_minutes_without_an_answer(name: str) -> None:
-    run = pinged(PingClock(), CASES[name], 1200, seed=3, silence=(400, 1000))
+    run = ping_device(PingClock(), CASES[name], 1200, seed=3, silence=(400, 1000))
     error, std = run.between(400, 1000)
     assert np.all(error <= 3 * std)
     assert np.all(np.diff(run.between(410, 1000)[1]) >= 0)
@@ -91,7 +91,7 @@ def test_ten_minutes_without_an_answer(name: str) -> None:
 def test_a_month() -> None:
     """Nothing grows, wraps do not matter, and the last day is as good as any. A ping every ten minutes, to be quick."""
     case = Case(usb(2e-4), usb(4e-4), Oscillator(40e-6, swing=1e-6))
-    run = pinged(PingClock(), case, 30 * 86400, seed=1, interval=600)
+    run = ping_device(PingClock(), case, 30 * 86400, seed=1, interval=600)
     for first, last in ((0, 30 * 86400), (29 * 86400, 30 * 86400)):
         error, std = run.between(first, last)
         assert np.mean(error <= 3 * std) >= 0.99
@@ -122,7 +122,7 @@ def test_what_is_remembered_does_not_grow() -> None:
 @settings(max_examples=25, deadline=None)
 def test_any_oscillator_on_any_line(drift: float, least: float, sigma: float, unevenness: float, seed: int) -> None:
     case = Case(log_normal(least, sigma), log_normal(least * unevenness, sigma), Oscillator(drift))
-    error, std = pinged(PingClock(), case, 40, seed).between(10, 40)
+    error, std = ping_device(PingClock(), case, 40, seed).between(10, 40)
     assert np.mean(error <= 3 * std) >= 0.95
 
 

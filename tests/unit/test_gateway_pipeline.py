@@ -28,7 +28,7 @@ class Bench:
         self.now = 0.0
         self.unix = UNIX
         self.batches: list[RangeBatch] = []
-        self.pipeline.port_opened(self.now)
+        self.pipeline.on_port_opened(self.now)
 
     def hear(self, data: bytes) -> list[RangeBatch]:
         batches = self.pipeline.feed(data, self.now, self.unix + self.now)
@@ -176,7 +176,7 @@ def test_replies_to_no_ping_of_ours_change_no_clock() -> None:
     before = bench.pipeline.clock
     strange = VirtualFinger(boot=1, start=-100.0)
     other = MeasurementPipeline(BinaryParser(), 0.0, None)
-    other.port_opened(0.0)
+    other.on_port_opened(0.0)
     bench.hear(strange.answers(other.take_outgoing(0.0), bench.now))
     assert bench.pipeline.clock == before
 
@@ -240,7 +240,7 @@ def test_an_outlier_is_flagged_and_an_edge_only_once() -> None:
 
 def test_text_lines_have_times_without_pings_and_nothing_is_sent() -> None:
     pipeline = MeasurementPipeline(create_parser("millimetres"), 10 / 115_200, None)
-    pipeline.port_opened(0.0)
+    pipeline.on_port_opened(0.0)
     batches = []
     for k in range(30):
         at = 1.0 + k / 30
@@ -257,7 +257,7 @@ def test_text_lines_have_times_without_pings_and_nothing_is_sent() -> None:
 
 def test_lines_that_came_before_their_format_was_recognised_have_no_honest_time() -> None:
     pipeline = MeasurementPipeline(create_parser("auto"), 10 / 115_200, None)
-    pipeline.port_opened(0.0)
+    pipeline.on_port_opened(0.0)
     batches = []
     for k in range(40):
         at = 1.0 + k / 30
@@ -271,13 +271,13 @@ def test_lines_that_came_before_their_format_was_recognised_have_no_honest_time(
 
 def test_another_format_on_the_same_line_is_another_device() -> None:
     pipeline = MeasurementPipeline(create_parser("auto"), 0.0, None)
-    pipeline.port_opened(0.0)
+    pipeline.on_port_opened(0.0)
     finger = VirtualFinger()
     for _ in range(5):
         at = finger.next_due
         assert pipeline.feed(finger.measure(), at, UNIX + at) == []  # held: no ping is answered
-    pipeline.port_closed()
-    pipeline.port_opened(1.0)
+    pipeline.on_port_closed()
+    pipeline.on_port_opened(1.0)
     batches = []
     for k in range(40):
         at = 1.0 + k / 30

@@ -7,14 +7,14 @@ from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, AutoDetect
 from pretouch_sensor_gateway.wire_formats.registry import PARSERS
 
 from fuzz import harness
-from fuzz.mutation import mutated
+from fuzz.mutation import mutate
 from fuzz.seeds import seeds
 from fuzz.streams import STREAMS
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_invariants_hold_for_mutated_streams(seed: int) -> None:
-    for data in mutated(seeds(), 500, seed):
+    for data in mutate(seeds(), 500, seed):
         harness.check_input(data)
 
 

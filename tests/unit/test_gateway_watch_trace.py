@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.watch.gauges import bar, sparkline
+from pretouch_sensor_gateway.watch.gauges import draw_bar, draw_sparkline
 from pretouch_sensor_gateway.watch.trace import SPAN, SPANS, Summary, Trace
 
 T0 = 1.7e9
@@ -70,7 +70,7 @@ def test_a_sparkline_tells_ranges_misses_and_gaps_apart() -> None:
         returns=np.array([[7], [7], [0], [0], [3]]),
         mean=np.array([[0.02], [0.06], [np.nan], [np.nan], [0.04]]),
     )
-    text = sparkline(summary, 0)
+    text = draw_sparkline(summary, 0)
     assert text.plain == "▁▇ ·▄"
     assert [(span.start, span.end, span.style) for span in text.spans if span.style] == [
         (0, 2, "cyan"),
@@ -80,7 +80,7 @@ def test_a_sparkline_tells_ranges_misses_and_gaps_apart() -> None:
 
 def test_noise_does_not_fill_a_sparkline() -> None:
     mean = np.array([[0.0300], [0.0304], [0.0301]])
-    assert sparkline(Summary(np.full(3, 7), np.full((3, 1), 7), mean), 0).plain == "▁▁▁"
+    assert draw_sparkline(Summary(np.full(3, 7), np.full((3, 1), 7), mean), 0).plain == "▁▁▁"
 
 
 @pytest.mark.parametrize(
@@ -95,4 +95,4 @@ def test_noise_does_not_fill_a_sparkline() -> None:
     ],
 )
 def test_a_bar_is_as_long_as_its_range(metres: float, drawn: str) -> None:
-    assert bar(metres, 10, "green").plain == drawn
+    assert draw_bar(metres, 10, "green").plain == drawn

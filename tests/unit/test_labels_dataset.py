@@ -117,12 +117,12 @@ def test_half_written_files_do_not_count(tmp_path: Path) -> None:
     dataset = Dataset.create(tmp_path, {})
     write(dataset.path("train", "box-0-0"), example())
     (tmp_path / "train" / ".can-0-0.npz.1234").write_bytes(b"PK")
-    assert [found.name for found in dataset.examples("train")] == ["box-0-0"]
-    assert list(dataset.examples("validation")) == []
+    assert [found.name for found in dataset.read_examples("train")] == ["box-0-0"]
+    assert list(dataset.read_examples("validation")) == []
 
 
 def test_a_rectangle_is_as_good_as_its_trials() -> None:
     given_scores = np.array([[0.01, 0.03], [np.nan, np.nan], [np.nan, 0.02]])
     view = Example("a", "a", scene(), SENSOR, np.ones((3, 5)), given_scores, given_scores, given_scores[:, 0], {})
-    np.testing.assert_allclose(view.achieved(worst=True), [0.03, np.nan, 0.02])
-    np.testing.assert_allclose(view.achieved(worst=False), [0.02, np.nan, 0.02])
+    np.testing.assert_allclose(view.compute_errors(worst=True), [0.03, np.nan, 0.02])
+    np.testing.assert_allclose(view.compute_errors(worst=False), [0.02, np.nan, 0.02])

@@ -20,7 +20,7 @@ from pretouch_simulation.labels.statistics import statistics, statistics_of, tab
 from pretouch_simulation.labels.task import Task
 from pretouch_simulation.mesh import Mesh
 from pretouch_simulation.objects import mug
-from pretouch_simulation.stable_pose import resting_poses
+from pretouch_simulation.stable_pose import find_resting_poses
 from rich.console import Console
 
 from pretouch.errors import NotFound
@@ -57,7 +57,7 @@ def test_every_rectangle_of_algorithm_1_keeps_all_its_scores(full: Example) -> N
 def test_pruning_finds_the_same_winner_with_the_same_scores(full: Example, tmp_path: Path) -> None:
     pruned = made(Task(6, 0, 0), replace(TRIALS, best_only=True), tmp_path)
     np.testing.assert_array_equal(pruned.rectangles, full.rectangles)
-    winner = int(np.argmin(full.achieved(worst=True)))
+    winner = int(np.argmin(full.compute_errors(worst=True)))
     np.testing.assert_array_equal(pruned.scores[winner], full.scores[winner])
     assert np.isnan(np.delete(pruned.scores, winner, axis=0)).all()
 
@@ -158,7 +158,7 @@ def test_a_fine_mesh_rests_as_a_coarse_one_does() -> None:
         corners += [((c + a) / 2, (b + c) / 2, c), ((a + b) / 2, (b + c) / 2, (c + a) / 2)]
         places = np.concatenate([np.stack(three, axis=1) for three in corners]).reshape(-1, 3)
         fine = Mesh(places, np.arange(len(places)).reshape(-1, 3))
-    for coarse_pose, fine_pose in zip(resting_poses(mesh, 3), resting_poses(fine, 3), strict=True):
+    for coarse_pose, fine_pose in zip(find_resting_poses(mesh, 3), find_resting_poses(fine, 3), strict=True):
         np.testing.assert_allclose(fine_pose.extents, coarse_pose.extents, atol=1e-6)
 
 
@@ -219,4 +219,4 @@ def test_an_outcome_without_a_problem_is_a_label(tmp_path: Path) -> None:
     dataset = Dataset.create(tmp_path, describe(TRIALS, ""))
     task = Task(0, 0, 0)
     assert try_to_label(task, TRIALS, tmp_path) == Outcome(task.name)
-    assert [path.stem for path in dataset.paths("train")] == [task.name]
+    assert [path.stem for path in dataset.list_paths("train")] == [task.name]

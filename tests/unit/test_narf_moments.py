@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pretouch_detector.proposals.narf.moments import COUNT, MOMENTS, add, axes
+from pretouch_detector.proposals.narf.moments import COUNT, MOMENTS, add_point, compute_axes
 from pretouch_detector.proposals.narf.order import sort
 
 from pretouch.geometry import Array
@@ -16,13 +16,13 @@ ONE = np.float32(1)
 def moments_of(points: Array, weights: Array | None = None) -> Array:
     moments = np.zeros(MOMENTS, np.float32)
     for k, point in enumerate(points.astype(np.float32)):
-        add(moments, point, ONE if weights is None else np.float32(weights[k]))
+        add_point(moments, point, ONE if weights is None else np.float32(weights[k]))
     return moments
 
 
 def axes_of(moments: Array) -> tuple[Array, Array]:
     values, vectors = np.empty(3, np.float32), np.empty((3, 3), np.float32)
-    axes(moments, values, vectors)
+    compute_axes(moments, values, vectors)
     return values, vectors
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.scenes import KINECT, Box, World
 from pretouch_detector.proposals import propose
-from pretouch_detector.proposals.narf.rectangles import region
+from pretouch_detector.proposals.narf.rectangles import make_region
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Plane, Pose
@@ -49,7 +49,7 @@ def descriptor(**elements: float) -> np.ndarray:
 def test_the_rectangle_of_a_descriptor(
     elements: dict[str, float], theta: float, aspect: float, confidence: float
 ) -> None:
-    found = region(np.array([80, 100]), descriptor(**elements), FACING, CAMERA, 1200.0)
+    found = make_region(np.array([80, 100]), descriptor(**elements), FACING, CAMERA, 1200.0)
     rectangle = found.rectangle
     assert (rectangle.x, rectangle.y) == (100.0, 80.0)
     assert rectangle.theta == pytest.approx(theta, abs=1e-6)
@@ -62,7 +62,7 @@ def test_the_first_axis_is_turned_as_the_camera_sees_it() -> None:
     tilt = np.radians(60)  # the patch leans back: its downward axis comes towards the camera
     pose = np.zeros((3, 4), np.float32)
     pose[:, :3] = [[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]]
-    found = region(np.array([80, 100]), descriptor(b14=0.3, b23=0.3), pose, CAMERA, 100.0)
+    found = make_region(np.array([80, 100]), descriptor(b14=0.3, b23=0.3), pose, CAMERA, 100.0)
     beam = np.radians(140)
     assert found.rectangle.theta == pytest.approx(np.arctan2(-np.cos(beam) * np.cos(tilt), np.sin(beam)), abs=1e-5)
 

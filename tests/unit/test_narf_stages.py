@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from helpers.scenes import KINECT, Box, World
-from pretouch_detector.proposals.narf.borders import Borders, borders
-from pretouch_detector.proposals.narf.change import Change, change
-from pretouch_detector.proposals.narf.descriptor import BEAMS, descriptors
-from pretouch_detector.proposals.narf.interest import interest
-from pretouch_detector.proposals.narf.keypoints import MIN_INTEREST, keypoints
-from pretouch_detector.proposals.narf.promising import promising
-from pretouch_detector.proposals.narf.range_image import RangeImage, range_image
-from pretouch_detector.proposals.narf.surface import Surface, surface
+from pretouch_detector.proposals.narf.borders import Borders, find_borders
+from pretouch_detector.proposals.narf.change import Change, measure_change
+from pretouch_detector.proposals.narf.descriptor import BEAMS, describe_keypoints
+from pretouch_detector.proposals.narf.interest import compute_interest
+from pretouch_detector.proposals.narf.keypoints import MIN_INTEREST, find_keypoints
+from pretouch_detector.proposals.narf.promising import find_promising
+from pretouch_detector.proposals.narf.range_image import RangeImage, make_range_image
+from pretouch_detector.proposals.narf.surface import Surface, fit_surface
 from scipy import ndimage
 
 from pretouch.camera import Camera, DepthImage
@@ -28,26 +28,26 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def image(scene: Scene) -> RangeImage:
-    return range_image(scene.depth, scene.camera)
+    return make_range_image(scene.depth, scene.camera)
 
 
 @pytest.fixture(scope="module")
 def planes(image: RangeImage) -> Surface:
-    return surface(image)
+    return fit_surface(image)
 
 
 @pytest.fixture(scope="module")
 def found(image: RangeImage, planes: Surface) -> Borders:
-    return borders(image, planes)
+    return find_borders(image, planes)
 
 
 @pytest.fixture(scope="module")
 def changes(image: RangeImage, planes: Surface, found: Borders) -> Change:
-    return change(image, planes, found)
+    return measure_change(image, planes, found)
 
 
 def test_points_are_those_of_the_camera(scene: Scene, image: RangeImage) -> None:
-    points = scene.camera.organised(scene.depth.metres)
+    points = scene.camera.back_project_image(scene.depth.metres)
     np.testing.assert_allclose(image.points, points, atol=1e-6)
     np.testing.assert_allclose(image.ranges, np.linalg.norm(points, axis=-1), rtol=1e-6)
 
@@ -55,14 +55,14 @@ def test_points_are_those_of_the_camera(scene: Scene, image: RangeImage) -> None
 def test_pixels_without_depth_take_part_in_nothing() -> None:
     depth = np.full((40, 40), 0.8, np.float32)
     depth[10:20, 10:20] = 0.0
-    image = range_image(DepthImage(depth), CAMERA)
-    planes = surface(image)
-    found = borders(image, planes)
+    image = make_range_image(DepthImage(depth), CAMERA)
+    planes = fit_surface(image)
+    found = find_borders(image, planes)
     empty = depth == 0
     assert np.isnan(planes.reach[empty]).all()
     assert np.isfinite(planes.reach[~empty]).all()
     assert not found.scores[:, empty].any()
-    assert not change(image, planes, found).scores[empty].any()
+    assert not measure_change(image, planes, found).scores[empty].any()
 
 
 def test_planes_lie_on_the_boxes_faces(scene: Scene, planes: Surface) -> None:
@@ -104,11 +104,11 @@ def test_change_is_certain_on_borders_and_directed_outwards(scene: Scene, found:
 
 def test_corners_interest_faces_do_not(scene: Scene, image: RangeImage, found: Borders, changes: Change) -> None:
     hidden = found.shadow | found.veil
-    values = interest(image, changes, hidden, scene.mask, SUPPORT)
+    values = compute_interest(image, changes, hidden, scene.mask, SUPPORT)
     assert values.min() >= 0
     assert values.max() <= 1
     assert not values[~scene.mask].any()
-    pixels = keypoints(values, image.points, SUPPORT)
+    pixels = find_keypoints(values, image.points, SUPPORT)
     assert len(pixels) >= 3
     assert (values[tuple(pixels.T)] >= MIN_INTEREST).all()
     assert (np.diff(values[tuple(pixels.T)]) <= 0).all()
@@ -132,19 +132,19 @@ def test_interest_is_asked_for_where_it_is_wanted(image: RangeImage, found: Bord
     hidden = found.shadow | found.veil
     some = np.zeros_like(everywhere)
     some[20:60, 10:50] = True
-    values = interest(image, changes, hidden, everywhere, SUPPORT)
-    np.testing.assert_array_equal(interest(image, changes, hidden, some, SUPPORT), np.where(some, values, 0))
+    values = compute_interest(image, changes, hidden, everywhere, SUPPORT)
+    np.testing.assert_array_equal(compute_interest(image, changes, hidden, some, SUPPORT), np.where(some, values, 0))
     assert not values[hidden].any()
 
 
 def test_nothing_of_interest_is_ruled_out_and_most_of_the_rest_is() -> None:
     noisy = World((Box.standing((0.10, 0.07, 0.12), yaw=0.5),)).scene(KINECT, np.random.default_rng(1)).cropped(0.04)[0]
-    image = range_image(noisy.depth, noisy.camera)
-    planes = surface(image)
-    found = borders(image, planes)
-    changes, hidden = change(image, planes, found), found.shadow | found.veil
-    values = interest(image, changes, hidden, noisy.mask, SUPPORT)
-    left = promising(image, changes, hidden, noisy.mask, SUPPORT, MIN_INTEREST)
+    image = make_range_image(noisy.depth, noisy.camera)
+    planes = fit_surface(image)
+    found = find_borders(image, planes)
+    changes, hidden = measure_change(image, planes, found), found.shadow | found.veil
+    values = compute_interest(image, changes, hidden, noisy.mask, SUPPORT)
+    left = find_promising(image, changes, hidden, noisy.mask, SUPPORT, MIN_INTEREST)
     assert (values >= MIN_INTEREST).any()
     assert not (values >= MIN_INTEREST)[~left].any()
     assert left.sum() < 0.5 * noisy.mask.sum()
@@ -154,7 +154,7 @@ def test_nothing_of_interest_is_ruled_out_and_most_of_the_rest_is() -> None:
 def test_the_largest_elements_point_past_the_border(side: str, beam: int) -> None:
     depth = np.full((80, 80), 0.8, np.float32)
     depth[{"up": np.s_[:35], "right": np.s_[:, 45:], "down": np.s_[45:], "left": np.s_[:, :35]}[side]] = 1.5
-    values, poses = descriptors(range_image(DepthImage(depth), CAMERA), np.array([[40, 40]]), SUPPORT)
+    values, poses = describe_keypoints(make_range_image(DepthImage(depth), CAMERA), np.array([[40, 40]]), SUPPORT)
     assert values.shape == (1, BEAMS)
     assert abs((int(values[0].argmax()) - beam + 18) % 36 - 18) <= 4
     assert values[0, beam] > 0.2
@@ -163,14 +163,14 @@ def test_the_largest_elements_point_past_the_border(side: str, beam: int) -> Non
 
 
 def test_a_plane_has_a_descriptor_of_zeros() -> None:
-    image = range_image(DepthImage(np.full((80, 80), 0.8, np.float32)), CAMERA)
-    values, _ = descriptors(image, np.array([[40, 40]]), SUPPORT)
+    image = make_range_image(DepthImage(np.full((80, 80), 0.8, np.float32)), CAMERA)
+    values, _ = describe_keypoints(image, np.array([[40, 40]]), SUPPORT)
     np.testing.assert_allclose(values, 0, atol=1e-4)
 
 
 def test_a_pixel_alone_has_no_descriptor() -> None:
     depth = np.zeros((80, 80), np.float32)
     depth[40, 40] = 0.8
-    values, poses = descriptors(range_image(DepthImage(depth), CAMERA), np.array([[40, 40]]), SUPPORT)
+    values, poses = describe_keypoints(make_range_image(DepthImage(depth), CAMERA), np.array([[40, 40]]), SUPPORT)
     assert np.isnan(values).all()
     assert np.isnan(poses).all()

@@ -5,12 +5,12 @@ import pytest
 from helpers.rotated_shapes import rectangles, several, shapely_overlap
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_detector.overlap import common_areas, intersection_over_union
+from pretouch_detector.overlap import compute_common_areas, compute_intersection_over_union
 
 
 def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(n, m): of all with all."""
-    return np.array([[intersection_over_union(one, other) for other in second] for one in first])
+    return np.array([[compute_intersection_over_union(one, other) for other in second] for one in first])
 
 
 @settings(max_examples=60)
@@ -31,7 +31,10 @@ def test_with_itself_told_either_way_it_is_1(rectangle: np.ndarray) -> None:
     x, y, w, h, theta = rectangle
     quarter_turned = np.array([x, y, h, w, theta + np.pi / 2])
     np.testing.assert_allclose(
-        [intersection_over_union(rectangle, rectangle), intersection_over_union(rectangle, quarter_turned)],
+        [
+            compute_intersection_over_union(rectangle, rectangle),
+            compute_intersection_over_union(rectangle, quarter_turned),
+        ],
         1,
         atol=1e-9,
     )
@@ -49,8 +52,8 @@ def test_moved_scaled_turned_or_mirrored_together_they_overlap_as_before(
             x, theta = -x, -theta
         return np.array([scale * x, scale * y, scale * w, scale * h, theta])
 
-    assert intersection_over_union(moved(first), moved(second)) == pytest.approx(
-        intersection_over_union(first, second), abs=1e-9
+    assert compute_intersection_over_union(moved(first), moved(second)) == pytest.approx(
+        compute_intersection_over_union(first, second), abs=1e-9
     )
 
 
@@ -58,10 +61,10 @@ def test_moved_scaled_turned_or_mirrored_together_they_overlap_as_before(
 def test_one_beside_many_of_itself_of_one_within_and_of_one_apart(theta: float) -> None:
     rectangle = (3.0, -2.0, 10.0, 4.0, theta)
     others = np.array([rectangle, (3.0, -2.0, 2.0, 1.0, 0.1), (30.0, -2.0, 10.0, 4.0, theta)])
-    np.testing.assert_allclose(common_areas(rectangle, others), [40.0, 2.0, 0.0], atol=1e-12)
-    found = [common_areas(other, [rectangle])[0] for other in others]
+    np.testing.assert_allclose(compute_common_areas(rectangle, others), [40.0, 2.0, 0.0], atol=1e-12)
+    found = [compute_common_areas(other, [rectangle])[0] for other in others]
     np.testing.assert_allclose(found, [40.0, 2.0, 0.0], atol=1e-12)
 
 
 def test_of_none_there_is_none() -> None:
-    assert common_areas((0.0, 0.0, 1.0, 1.0, 0.0), np.zeros((0, 5))).shape == (0,)
+    assert compute_common_areas((0.0, 0.0, 1.0, 1.0, 0.0), np.zeros((0, 5))).shape == (0,)

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from helpers.scenes import Box, World
 from pretouch_detector.model.weights import Weights
-from pretouch_detector.proposals import deep, propose, readiness, warm_up
+from pretouch_detector.proposals import deep, list_readiness, propose, warm_up
 from pretouch_detector.proposals.random import AREA, MIN_OVERLAP
 
 from pretouch.errors import InvalidInput, Unavailable
@@ -18,7 +18,7 @@ from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Sensor
 
-READY = [proposer for proposer, reason in readiness() if not reason]
+READY = [proposer for proposer, reason in list_readiness() if not reason]
 OF_CANDIDATES = [proposer for proposer in READY if proposer is not Proposer.NARF]
 
 

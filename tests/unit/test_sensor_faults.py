@@ -15,7 +15,13 @@ from pretouch_orchestrator.store.sqlite import open_store
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.finger import Finger, FingerModel, realise
-from pretouch_simulation.fingers.faults import dead, in_millimetres, noise, one_stuck, stuck
+from pretouch_simulation.fingers.faults import (
+    make_dead_finger,
+    make_millimetre_finger,
+    make_noise_finger,
+    make_stuck_finger,
+    make_stuck_module,
+)
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.mesh import Mesh
 from pretouch_simulation.objects import bowl, box, can, drill, mug
@@ -64,11 +70,11 @@ def kind(record: Record) -> str:
 @pytest.mark.parametrize(
     ("fault", "kinds"),
     [
-        (stuck, {"sensor"}),
-        (lambda finger: stuck(finger, at=0.06), {"sensor"}),
-        (noise, {"sensor"}),
-        (in_millimetres, {"sensor"}),
-        (dead, {"sensor", "out-of-range"}),
+        (make_stuck_finger, {"sensor"}),
+        (lambda finger: make_stuck_finger(finger, at=0.06), {"sensor"}),
+        (make_noise_finger, {"sensor"}),
+        (make_millimetre_finger, {"sensor"}),
+        (make_dead_finger, {"sensor", "out-of-range"}),
     ],
     ids=["stuck", "stuck-at-60-mm", "noise", "millimetres", "dead"],
 )
@@ -89,7 +95,7 @@ def test_a_finger_that_measures_nothing_ends_the_session_and_moves_nothing(
 
 def test_a_dead_finger_does_not_lower_the_next_path() -> None:
     record = opened(SOUND)
-    after = scanned(record, dead(SOUND))
+    after = scanned(record, make_dead_finger(SOUND))
     assert after.estimate.base_T_correction.is_close(record.estimate.base_T_correction)
     np.testing.assert_array_equal(after.estimate.covariance, record.estimate.covariance)
 
@@ -97,7 +103,7 @@ def test_a_dead_finger_does_not_lower_the_next_path() -> None:
 def test_a_finger_that_breaks_leaves_what_earlier_scans_said_and_one_that_is_mended_goes_on() -> None:
     good = scanned(opened(SOUND), SOUND)
     assert CASE.error(good.estimate.base_T_correction) < INITIAL / 2
-    broken = scanned(good, stuck(SOUND))
+    broken = scanned(good, make_stuck_finger(SOUND))
     assert broken.estimate.sensor_problem
     assert broken.state is State.AWAITING_SCAN
     assert broken.estimate.base_T_correction.is_close(good.estimate.base_T_correction)
@@ -109,8 +115,8 @@ def test_a_finger_that_breaks_leaves_what_earlier_scans_said_and_one_that_is_men
 
 
 def test_a_session_goes_on_from_its_stored_record(tmp_path: Path) -> None:
-    first = opened(stuck(SOUND))
-    second = scanned(first, stuck(SOUND))
+    first = opened(make_stuck_finger(SOUND))
+    second = scanned(first, make_stuck_finger(SOUND))
 
     async def stored() -> Record:
         async with open_store(tmp_path) as store:
@@ -122,13 +128,13 @@ def test_a_session_goes_on_from_its_stored_record(tmp_path: Path) -> None:
     loaded = asyncio.run(stored())
     assert loaded.estimate.sensor_problem == second.estimate.sensor_problem != ""
     assert [len(beams) for beams in loaded.measured] == [0]
-    ends = [scanned(record, stuck(SOUND)).to_session() for record in (second, loaded)]
+    ends = [scanned(record, make_stuck_finger(SOUND)).to_session() for record in (second, loaded)]
     assert json.session_to_json(ends[0]) == json.session_to_json(ends[1])
     assert ends[0].state is State.EXHAUSTED
 
 
 def test_one_stuck_module_of_six_is_left_out() -> None:
-    finger = one_stuck(SOUND)
+    finger = make_stuck_module(SOUND)
     record = opened(finger)
     sent = scan(record, finger)
     (diagnosis,) = diagnose(sent, finger.sensor, record.scene, record.estimate)

@@ -11,9 +11,9 @@ from PIL import Image
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.reliability import (
     LEVELS,
-    binned,
+    average_in_bins,
     binomial_band,
-    observed_shares,
+    compute_observed_shares,
     save_expected_errors,
     save_reliability,
 )
@@ -23,11 +23,11 @@ def test_honest_estimates_lie_within_the_band_and_others_do_not() -> None:
     whitened = np.random.default_rng(3).standard_normal((400, 6))
     distances2 = (whitened**2).sum(axis=1)
     low, high = binomial_band(400)
-    honest = observed_shares(distances2)
+    honest = compute_observed_shares(distances2)
     assert ((low <= honest) & (honest <= high)).mean() > 0.9
-    overconfident = observed_shares(4 * distances2)
+    overconfident = compute_observed_shares(4 * distances2)
     assert (overconfident[4:] < low[4:]).all()
-    assert (observed_shares(distances2 / 4)[4:15] > high[4:15]).all()
+    assert (compute_observed_shares(distances2 / 4)[4:15] > high[4:15]).all()
 
 
 @given(st.integers(1, 500))
@@ -40,13 +40,13 @@ def test_the_band_holds_the_level_and_narrows(n: int) -> None:
 
 
 def test_the_limit_of_the_95_percent_region_is_the_contracts() -> None:
-    assert observed_shares([12.58, 12.60], [0.95]) == [0.5]
+    assert compute_observed_shares([12.58, 12.60], [0.95]) == [0.5]
 
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=40))
 def test_bins_keep_the_mean_and_the_order(pairs: list[tuple[float, float]]) -> None:
     expected, achieved = zip(*pairs, strict=True)
-    x, y = binned(expected, achieved, 5)
+    x, y = average_in_bins(expected, achieved, 5)
     assert (np.diff(x) >= 0).all()
     assert min(achieved) - 1e-12 <= y.min()
     assert y.max() <= max(achieved) + 1e-12

@@ -6,7 +6,13 @@ from io import StringIO
 import pytest
 from helpers.made_runs import KEY, ended, run_of
 from pretouch_simulation.evaluation_rows import Run
-from pretouch_simulation.evaluation_table import Table, by_object, by_scan, convergence_table, honesty_table
+from pretouch_simulation.evaluation_table import (
+    Table,
+    convergence_table,
+    honesty_table,
+    tabulate_by_object,
+    tabulate_by_scan,
+)
 from rich.console import Console
 
 RUNS = [
@@ -23,7 +29,7 @@ def cells(table: Table, line: int) -> dict[str, str]:
 
 
 def test_the_table_by_scan_counts_all_runs() -> None:
-    table = by_scan(RUNS, (0, 1, 3))
+    table = tabulate_by_scan(RUNS, (0, 1, 3))
     assert table.headings[:4] == ("scan", "n", "made", "mean cm")
     before, first, third = table.lines
     assert before[:8] == ("0", "3", "0", "2.00", "2.00", "0.00", "2.00", "100%")
@@ -44,7 +50,7 @@ def test_engines_stand_under_each_other_by_camera_sensor_and_scan() -> None:
     ]
     runs = [run_of(KEY._replace(**world), 0.01) for world in worlds]
     broken = Run(**KEY._replace(engine="paper", view=1)._asdict(), initial_error=None, problem="broken")
-    table = by_scan([*runs, broken], (0, 1))
+    table = tabulate_by_scan([*runs, broken], (0, 1))
     assert table.headings[:4] == ("camera", "sensor", "engine", "scan")
     assert [line[:5] for line in table.lines] == [
         ("kinect", "ideal", "point_to_plane", "0", "1"),
@@ -58,7 +64,7 @@ def test_engines_stand_under_each_other_by_camera_sensor_and_scan() -> None:
 
 
 def test_the_table_by_object_has_a_line_for_each() -> None:
-    box, mug = by_object(RUNS, 3).lines
+    box, mug = tabulate_by_object(RUNS, 3).lines
     assert box[:4] == ("box", "1", "2.00", "2.00")
     assert mug[:6] == ("mug", "2", "2.00", "0.90", "0.40", "0.40")
 
@@ -68,9 +74,9 @@ def test_real_frames_have_their_fitted_error_told() -> None:
         ended(run_of(FRAME, 0.006), "exhausted", 0.004),
         ended(run_of(FRAME._replace(view=1), 0.006), "exhausted", 0.003),
     ]
-    assert cells(by_scan(runs, (0, 1)), 1)["fitted"] == "0.35"
-    assert cells(by_object(runs, 1), 0)["fitted"] == "0.35"
-    assert "fitted" not in by_scan(RUNS, (1,)).headings
+    assert cells(tabulate_by_scan(runs, (0, 1)), 1)["fitted"] == "0.35"
+    assert cells(tabulate_by_object(runs, 1), 0)["fitted"] == "0.35"
+    assert "fitted" not in tabulate_by_scan(RUNS, (1,)).headings
 
 
 def test_honesty_counts_the_truths_in_each_region_of_all_and_of_the_hardest_quarter() -> None:
@@ -119,17 +125,17 @@ def test_where_nothing_converged_nothing_is_said_of_it() -> None:
 
 
 def test_a_terminal_and_markdown_hold_the_same_cells() -> None:
-    table = by_scan(RUNS, (1,))
+    table = tabulate_by_scan(RUNS, (1,))
     screen = StringIO()
     Console(file=screen, width=200).print(*table.rich(200))
     shown = screen.getvalue().splitlines()[-2]
     assert [cell.strip() for cell in shown.strip("│").split("│")] == list(table.lines[0])
-    assert [cell.strip() for cell in table.markdown().splitlines()[-1].strip("|").split("|")] == list(table.lines[0])
+    assert [cell.strip() for cell in table.to_markdown().splitlines()[-1].strip("|").split("|")] == list(table.lines[0])
 
 
 @pytest.mark.parametrize("width", [40, 60, 80])
 def test_a_narrow_terminal_gets_parts_of_which_none_is_cut(width: int) -> None:
-    for table in (by_scan(RUNS, (0, 1)), by_object(RUNS, 1), honesty_table(RUNS, (1,))):
+    for table in (tabulate_by_scan(RUNS, (0, 1)), tabulate_by_object(RUNS, 1), honesty_table(RUNS, (1,))):
         screen = StringIO()
         parts = table.rich(width)
         for part in parts:

@@ -13,7 +13,7 @@ from pretouch_simulation.evaluation_protocol import Protocol
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.objects import box
 from pretouch_simulation.protocol import CAMERA, Case, make_case
-from pretouch_simulation.worst import Diagnosis, Met, diagnose, surfaces_met, worst_runs
+from pretouch_simulation.worst import Diagnosis, Met, diagnose, identify_surfaces, worst_runs
 from pretouch_simulation.worst_picture import Failure, save_worst
 
 from pretouch.session import Planner, Proposer
@@ -52,18 +52,18 @@ def test_the_worst_come_first_and_runs_without_scans_do_not_count() -> None:
 
 def test_what_the_finger_met_is_told_by_the_true_camera(case: Case) -> None:
     true_cloud = case.truth.apply(case.cloud)
-    assert (surfaces_met(case, true_cloud[true_cloud[:, 2] > 0.02]) == Met.SEEN).mean() > 0.98
+    assert (identify_surfaces(case, true_cloud[true_cloud[:, 2] > 0.02]) == Met.SEEN).mean() > 0.98
     view = case.truth.rotate(case.base_T_camera.rotation[:, 2][None])
     behind = true_cloud + 0.02 * view
-    assert (surfaces_met(case, behind[behind[:, 2] > 0.01]) == Met.HIDDEN).mean() > 0.98
-    assert set(surfaces_met(case, [[0.5, 0.0, 0.001]])) == {Met.TABLE}
-    assert surfaces_met(case, np.zeros((0, 3))).shape == (0,)
+    assert (identify_surfaces(case, behind[behind[:, 2] > 0.01]) == Met.HIDDEN).mean() > 0.98
+    assert set(identify_surfaces(case, [[0.5, 0.0, 0.001]])) == {Met.TABLE}
+    assert identify_surfaces(case, np.zeros((0, 3))).shape == (0,)
 
 
 def test_a_point_outside_the_image_is_where_there_is_no_depth(case: Case) -> None:
     base_T_camera = case.truth @ case.base_T_camera
     above = base_T_camera.apply(CAMERA.back_project([[320.0, -50.0]], [0.6]))
-    assert list(surfaces_met(case, above)) == [Met.BLIND]
+    assert list(identify_surfaces(case, above)) == [Met.BLIND]
 
 
 def test_a_diagnosis_adds_up(case: Case, steps: list[Step]) -> None:
@@ -72,7 +72,7 @@ def test_a_diagnosis_adds_up(case: Case, steps: list[Step]) -> None:
     assert one.error == case.error(record.estimate.base_T_correction)
     assert one.beams == sum(len(scan) for scan in record.measured)
     assert sum(one.met.values()) == one.returns == sum(int(scan.returned.sum()) for scan in record.measured)
-    assert (one.distance2 <= 12.59) == case.covered(record.estimate)
+    assert (one.distance2 <= 12.59) == case.is_covered_by(record.estimate)
     assert 0 <= one.flat <= 1
     assert (one.second_distance, one.second_error) == (None, None)
 

@@ -5,7 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from pretouch_simulation.finger import Finger, FingerModel, realise
-from pretouch_simulation.fingers.faults import dead, in_millimetres, noise, one_stuck, stuck
+from pretouch_simulation.fingers.faults import (
+    make_dead_finger,
+    make_millimetre_finger,
+    make_noise_finger,
+    make_stuck_finger,
+    make_stuck_module,
+)
 from pretouch_simulation.fingers.status import Status
 from pretouch_simulation.scanning import scan_along
 from pretouch_simulation.world import World
@@ -23,26 +29,26 @@ def measured(finger: Finger) -> tuple[np.ndarray, np.ndarray]:
     return finger.measure(FLOOR, POSES, np.random.default_rng(3))
 
 
-@pytest.mark.parametrize("fault", [stuck, dead, noise, in_millimetres])
+@pytest.mark.parametrize("fault", [make_stuck_finger, make_dead_finger, make_noise_finger, make_millimetre_finger])
 def test_a_broken_finger_states_the_sound_ones_sensor(fault: Callable[[Finger], Finger]) -> None:
     assert fault(SOUND).sensor == SOUND.sensor
 
 
 def test_a_stuck_finger_always_reports_the_same_even_where_nothing_is() -> None:
     nothing = World([], Plane(np.array([0.0, 0.0, 1.0]), -5.0))
-    ranges, status = stuck(SOUND, at=0.04).measure(nothing, POSES, np.random.default_rng(0))
+    ranges, status = make_stuck_finger(SOUND, at=0.04).measure(nothing, POSES, np.random.default_rng(0))
     assert (ranges == 0.04).all()
     assert (status == Status.OK).all()
 
 
 def test_a_dead_finger_reports_nothing() -> None:
-    ranges, status = measured(dead(SOUND))
+    ranges, status = measured(make_dead_finger(SOUND))
     assert np.isnan(ranges).all()
     assert (status != Status.OK).all()
 
 
 def test_noise_fills_the_range_evenly() -> None:
-    ranges, status = measured(noise(SOUND))
+    ranges, status = measured(make_noise_finger(SOUND))
     assert (status == Status.OK).all()
     assert ranges.min() >= SOUND.sensor.range_min
     assert ranges.max() <= SOUND.sensor.range_max
@@ -51,12 +57,12 @@ def test_noise_fills_the_range_evenly() -> None:
 
 
 def test_millimetres_are_a_thousand_times_too_many() -> None:
-    ranges, _ = measured(in_millimetres(SOUND))
+    ranges, _ = measured(make_millimetre_finger(SOUND))
     np.testing.assert_array_equal(ranges, 1000 * measured(SOUND)[0])
 
 
 def test_of_six_modules_only_the_last_is_stuck() -> None:
-    finger = one_stuck(SOUND, at=0.03)
+    finger = make_stuck_module(SOUND, at=0.03)
     path = Trajectory(np.array([0.0, 2.0]), POSES[:2])
     samples = scan_along(FLOOR, path, finger.sensor, finger, np.random.default_rng(1))
     assert len(finger.sensor.tip_T_module) == 6

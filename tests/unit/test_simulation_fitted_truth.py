@@ -10,7 +10,7 @@ from helpers.made_frame import write_frame
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.evaluation import Subject
 from pretouch_simulation.evaluation_tasks import FrameTask, MeshTask, frame_tasks
-from pretouch_simulation.fitted_truth import TURN_STD, fitted_truth
+from pretouch_simulation.fitted_truth import TURN_STD, fit_truth
 from pretouch_simulation.frame_folder import frames_in
 from pretouch_simulation.frames import frame_case, load_frame
 from pretouch_simulation.protocol import Case
@@ -36,10 +36,10 @@ def biased(case: Case, metres: float) -> Case:
 @pytest.mark.parametrize("name", ["box", "can"])
 def test_a_depth_bias_is_found(frame_file: Path, name: str) -> None:
     case = frame_case(load_frame(frame_file), name, seed=0)
-    unbiased = fitted_truth(case)
+    unbiased = fit_truth(case)
     assert case.error(unbiased) < 0.0005
     moved = biased(case, 0.004)
-    fitted = replace(moved, truth=fitted_truth(moved))
+    fitted = replace(moved, truth=fit_truth(moved))
     axis = (moved.truth @ moved.base_T_camera).rotation[:, 2]
     shift = fitted.truth.apply(moved.cloud).mean(axis=0) - moved.truth.apply(moved.cloud).mean(axis=0)
     np.testing.assert_allclose(shift, -0.004 * axis, atol=0.0008)
@@ -48,7 +48,7 @@ def test_a_depth_bias_is_found(frame_file: Path, name: str) -> None:
 
 def test_round_things_do_not_turn_about_their_axis(frame_file: Path) -> None:
     case = frame_case(load_frame(frame_file), "can", seed=0)
-    turn = vector_from_rotation((fitted_truth(biased(case, 0.004)) @ case.truth.inverse()).rotation)
+    turn = vector_from_rotation((fit_truth(biased(case, 0.004)) @ case.truth.inverse()).rotation)
     assert abs(turn[2]) < 0.1 * TURN_STD
 
 

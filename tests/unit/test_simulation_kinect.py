@@ -5,7 +5,7 @@ import pytest
 from pretouch_simulation.depth_cameras import kinect
 from pretouch_simulation.depth_cameras.kinect import Kinect
 from pretouch_simulation.objects import box
-from pretouch_simulation.protocol import CAMERA, looking_at
+from pretouch_simulation.protocol import CAMERA, look_at
 from pretouch_simulation.world import NOTHING, TABLE, Body, World
 
 from pretouch.camera import Camera, kinect_depth_std
@@ -72,6 +72,6 @@ def test_a_camera_that_looks_at_nothing_has_no_depth() -> None:
 
 def test_the_same_seed_renders_the_same_image() -> None:
     world = World([Body(box(), Pose.identity())], FLOOR)
-    view = looking_at(np.zeros(3), 0.9, 0.8)
+    view = look_at(np.zeros(3), 0.9, 0.8)
     first, again = (Kinect().render(world, CAMERA, view, np.random.default_rng(5)).depth.metres for _ in range(2))
     np.testing.assert_array_equal(first, again)

@@ -86,9 +86,9 @@ def estimate_of(pose: Pose, case: Case, scale: float) -> Estimate:
 
 
 def test_coverage_asks_whether_the_truth_is_in_the_stated_region(case: Case) -> None:
-    assert case.covered(estimate_of(case.truth, case, 1e-9))
-    assert not case.covered(estimate_of(Pose.identity(), case, 1e-3))
-    assert case.covered(estimate_of(Pose.identity(), case, 1.0))
+    assert case.is_covered_by(estimate_of(case.truth, case, 1e-9))
+    assert not case.is_covered_by(estimate_of(Pose.identity(), case, 1e-3))
+    assert case.is_covered_by(estimate_of(Pose.identity(), case, 1.0))
 
 
 @pytest.mark.parametrize("name", MAKERS)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_simulation.mesh_folder import meshes_in
-from pretouch_simulation.split import Split, mixing_key, object_of, split_of
+from pretouch_simulation.split import Split, compute_mixing_key, object_of, split_of
 
 from pretouch.errors import NotFound
 
@@ -55,7 +55,7 @@ def test_about_a_fifth_is_kept_for_reporting() -> None:
 @given(st.text(alphabet="abcdefgh_0123", min_size=1), st.sampled_from(["red", "blue", "and_white"]))
 def test_any_name_has_a_side_and_a_place(stem: str, colour: str) -> None:
     assert split_of(stem) in Split
-    assert 0 <= mixing_key(stem) < 1
+    assert 0 <= compute_mixing_key(stem) < 1
     assert object_of(f"a__{colour}_{stem}x_body") == object_of(f"b__{stem}x_body_2")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.scenes import KINECT, Box, View, World, looking
 from pretouch_detector.proposals import propose
-from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.proposals.information import predict_errors_after_scans
 from pretouch_orchestrator.planning.path import plan_paths
 from pretouch_registrar.registration import Registrar, Settings
 from scipy.stats import spearmanr
@@ -26,7 +26,7 @@ def stepped() -> Scene:
     """Both boxes are the object."""
     view = View()
     depth, _ = STEPPED.depth(view)
-    points = view.base_T_camera.apply(view.camera.organised(depth.metres))
+    points = view.base_T_camera.apply(view.camera.back_project_image(depth.metres))
     return Scene(depth, view.camera, view.base_T_camera, points[..., 2] > 0.005, STEPPED.table)
 
 
@@ -37,7 +37,7 @@ def around(scene: Scene, place: tuple[float, float, float], side: float) -> list
 
 
 def left(scene: Scene, *rectangles: list[float], sensor: Sensor | None = None) -> np.ndarray:
-    return remaining_error(scene, sensor or Sensor(), np.array(rectangles))[0]
+    return predict_errors_after_scans(scene, sensor or Sensor(), np.array(rectangles))[0]
 
 
 def test_a_perimeter_over_edges_tells_more_than_one_within_a_face() -> None:
@@ -48,8 +48,12 @@ def test_a_perimeter_over_edges_tells_more_than_one_within_a_face() -> None:
 
 def test_edges_within_the_object_count() -> None:
     flat, step = WIDE.scene(), stepped()
-    over_step = left(step, around(step, (0, 0, 0.04), 16))[0] / remaining_error(step, Sensor(), np.eye(5)[:0])[1]
-    over_face = left(flat, around(flat, (0, 0, 0.04), 16))[0] / remaining_error(flat, Sensor(), np.eye(5)[:0])[1]
+    over_step = (
+        left(step, around(step, (0, 0, 0.04), 16))[0] / predict_errors_after_scans(step, Sensor(), np.eye(5)[:0])[1]
+    )
+    over_face = (
+        left(flat, around(flat, (0, 0, 0.04), 16))[0] / predict_errors_after_scans(flat, Sensor(), np.eye(5)[:0])[1]
+    )
     assert over_step < 0.9 * over_face
 
 
@@ -57,10 +61,10 @@ def test_the_table_fixes_height_and_tilt_though_nothing_else() -> None:
     scene = World((Box.standing((0.02, 0.02, 0.02)),)).scene(KINECT)
     beside = around(scene, (0, 0, 0.0), 28)
     upright = Prior(translation_std=0.003, rotation_std=1e-6)
-    after, before = remaining_error(scene, Sensor(), np.array([beside]), upright)
+    after, before = predict_errors_after_scans(scene, Sensor(), np.array([beside]), upright)
     assert 0.5 * before < after[0] < 0.9 * before
     deep = Sensor(range_min=0.001, range_max=0.05)
-    after, before = remaining_error(scene, deep, np.array([beside]), upright)
+    after, before = predict_errors_after_scans(scene, deep, np.array([beside]), upright)
     assert after[0] > 0.9 * before
 
 
@@ -73,7 +77,9 @@ def test_beyond_its_range_the_sensor_learns_nothing_of_the_table() -> None:
 
 def test_a_perimeter_that_never_comes_near_the_object_leaves_all_as_it_was() -> None:
     scene = WIDE.scene()
-    after, before = remaining_error(scene, Sensor(), np.array([[15.0, 12.0, 10.0, 8.0, 0.3], [-90.0, 0, 9, 9, 0]]))
+    after, before = predict_errors_after_scans(
+        scene, Sensor(), np.array([[15.0, 12.0, 10.0, 8.0, 0.3], [-90.0, 0, 9, 9, 0]])
+    )
     np.testing.assert_allclose(after, before)
 
 
@@ -83,7 +89,7 @@ def test_before_any_scan_it_is_the_prior_s_root_mean_square() -> None:
     draws = np.random.default_rng(0).normal(size=(4000, 6)) * np.repeat([0.04, 0.01], 3)
     arms = (scene.cloud - scene.centroid)[::50]
     moved = np.cross(draws[:, None, :3], arms) + draws[:, None, 3:]
-    _, before = remaining_error(scene, Sensor(), np.zeros((0, 5)), prior)
+    _, before = predict_errors_after_scans(scene, Sensor(), np.zeros((0, 5)), prior)
     assert before == pytest.approx(np.sqrt((moved**2).sum(axis=2).mean()), rel=0.03)
 
 

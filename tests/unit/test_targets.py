@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.scenes import Box, World
 from pretouch_detector.model.encoding import CHANNELS, SIZE
-from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.proposals.information import predict_errors_after_scans
 from pretouch_detector.training.dataset import Dataset, Example, write
 from pretouch_detector.training.targets import ACHIEVED, EXPECTED, PREDICTED, load, targets_of
 
@@ -31,8 +31,8 @@ def test_targets(worst: bool, achieved: list[float]) -> None:
     np.testing.assert_allclose(targets.errors[:, ACHIEVED], achieved, rtol=1e-6)
     np.testing.assert_allclose(targets.errors[:, EXPECTED], [0.004, NAN, NAN], rtol=1e-6)
     np.testing.assert_allclose(targets.errors[:, PREDICTED], [0.006, 0.007, NAN], rtol=1e-6)
-    np.testing.assert_allclose(targets.analytic, remaining_error(SCENE, CONE, RECTANGLES)[0], rtol=1e-6)
-    assert (targets.analytic > 1.01 * remaining_error(SCENE, Sensor(), RECTANGLES)[0]).all()
+    np.testing.assert_allclose(targets.analytic, predict_errors_after_scans(SCENE, CONE, RECTANGLES)[0], rtol=1e-6)
+    assert (targets.analytic > 1.01 * predict_errors_after_scans(SCENE, Sensor(), RECTANGLES)[0]).all()
     assert np.abs(targets.rectangles[:, :2]).max() < 0.02  # in the middle of the square
 
 

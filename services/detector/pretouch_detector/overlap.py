@@ -14,33 +14,33 @@ _FLAT = 1e-12
 """An edge's extent is taken to be at least this, which avoids a division by zero and bounds the error that it makes."""
 
 
-def common_areas(rectangle: ArrayLike, others: ArrayLike) -> Array:
+def compute_common_areas(rectangle: ArrayLike, others: ArrayLike) -> Array:
     """(n,): area that the rectangle (5,) and each of the others (n, 5) have in common."""
     one, many = (np.ascontiguousarray(each, dtype=np.float64).reshape(-1, 5) for each in (rectangle, others))
-    areas: Array = _common_areas(one[0], many)
+    areas: Array = _fill_common_areas(one[0], many)
     return areas
 
 
 @njit(cache=True, nogil=True)
-def _common_areas(rectangle: Array, others: Array) -> Array:
+def _fill_common_areas(rectangle: Array, others: Array) -> Array:
     areas = np.empty(len(others))
     for i in range(len(others)):
-        areas[i] = common_area(others[i], rectangle)
+        areas[i] = compute_common_area(others[i], rectangle)
     return areas
 
 
 @njit(cache=True, nogil=True)
-def intersection_over_union(first: Array, second: Array) -> float:
+def compute_intersection_over_union(first: Array, second: Array) -> float:
     """Intersection over union of two rectangles (5,), in [0, 1]."""
     reach = 0.5 * (np.hypot(first[2], first[3]) + np.hypot(second[2], second[3]))
     if (first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 >= reach * reach:
         return 0.0
-    common = common_area(first, second)
+    common = compute_common_area(first, second)
     return common / (first[2] * first[3] + second[2] * second[3] - common)
 
 
 @njit(cache=True, nogil=True)
-def common_area(first: Array, second: Array) -> float:
+def compute_common_area(first: Array, second: Array) -> float:
     """Area that two rectangles (5,) have in common, at least 0 and at most the smaller one's.
 
     The common area is the integral of an indicator, 1 in the second rectangle, over the first. By Green's theorem that
@@ -66,15 +66,15 @@ def common_area(first: Array, second: Array) -> float:
         enter, leave = min(max(min(low, high), 0.0), 1.0), min(max(max(low, high), 0.0), 1.0)
         left, right = (-0.5 * width - x0) / safe_dx, (0.5 * width - x0) / safe_dx
         near, far = min(max(min(left, right), enter), leave), min(max(max(left, right), enter), leave)
-        before = _beyond(x0 + enter * dx, width)
-        at_near, at_far = _beyond(x0 + near * dx, width), _beyond(x0 + far * dx, width)
-        after = _beyond(x0 + leave * dx, width)
+        before = _clamp_to_width(x0 + enter * dx, width)
+        at_near, at_far = _clamp_to_width(x0 + near * dx, width), _clamp_to_width(x0 + far * dx, width)
+        after = _clamp_to_width(x0 + leave * dx, width)
         trapezoids = (near - enter) * (before + at_near) + (far - near) * (at_near + at_far)
         area += 0.5 * dy * (trapezoids + (leave - far) * (at_far + after))
     return min(max(area, 0.0), min(w * h, width * height))
 
 
 @njit(cache=True, nogil=True)
-def _beyond(x: float, width: float) -> float:
+def _clamp_to_width(x: float, width: float) -> float:
     """How far x lies beyond a rectangle's left side, at most its width."""
     return min(max(x + 0.5 * width, 0.0), width)

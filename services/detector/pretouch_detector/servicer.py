@@ -12,7 +12,7 @@ from pretouch.session import Proposer
 from pretouch.v1 import detector_pb2 as pb
 from pretouch.v1 import detector_pb2_grpc
 from pretouch.wire.common import rectangle_to_proto, scene_from_proto, sensor_from_proto
-from pretouch_detector.proposals import propose, readiness
+from pretouch_detector.proposals import list_readiness, propose
 
 DEFAULT_COUNT = 20
 
@@ -33,7 +33,7 @@ class DetectorServicer(detector_pb2_grpc.DetectorServiceServicer):
         request: pb.ListProposersRequest,
         context: grpc.aio.ServicerContext[pb.ListProposersRequest, pb.ListProposersResponse],
     ) -> pb.ListProposersResponse:
-        infos = [pb.ProposerInfo(name=name, ready=not reason, reason=reason) for name, reason in readiness()]
+        infos = [pb.ProposerInfo(name=name, ready=not reason, reason=reason) for name, reason in list_readiness()]
         return pb.ListProposersResponse(proposers=infos)
 
 

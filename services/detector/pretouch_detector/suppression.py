@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from pretouch.geometry import Array
-from pretouch_detector.overlap import intersection_over_union
+from pretouch_detector.overlap import compute_intersection_over_union
 
 MAX_OVERLAP = 0.6
 """Exact intersection over union of two regions above which only the better is proposed."""
@@ -36,7 +36,7 @@ def _suppress(ranked: Array, count: int) -> NDArray[np.int64]:
             break
         differs = True
         for j in range(number):
-            if intersection_over_union(ranked[k], ranked[kept[j]]) > MAX_OVERLAP:
+            if compute_intersection_over_union(ranked[k], ranked[kept[j]]) > MAX_OVERLAP:
                 differs = False
                 break
         if differs:

@@ -27,14 +27,14 @@ _MIN_DISTANCE = 0.05
 """m from the viewpoint to the nearest point, along the view."""
 
 
-def thinned(cloud: Array, most: int) -> Array:
+def thin_cloud(cloud: Array, most: int) -> Array:
     """At most `most` rows of `cloud` (n, 3), evenly over their order."""
     if len(cloud) <= most:
         return cloud
     return cloud[np.linspace(0, len(cloud) - 1, most).astype(np.int64)]
 
 
-def table_below(cloud: Array) -> Plane:
+def find_table_below(cloud: Array) -> Plane:
     """The horizontal plane, base z up, at the cloud's lowest points: one in two hundred lies below it."""
     return Plane(np.array([0.0, 0.0, 1.0]), float(np.quantile(cloud[:, 2], 0.005)))
 
@@ -48,8 +48,8 @@ def cloud_scene(cloud: Array, table: Plane, viewpoint: Array | None) -> Scene:
     Raises:
         InvalidInput: too few points, or a viewpoint among them or below the table.
     """
-    points = thinned(cloud, MAX_CLOUD)
-    distinct = len(np.unique(thinned(points, _SPACING_SAMPLE), axis=0))
+    points = thin_cloud(cloud, MAX_CLOUD)
+    distinct = len(np.unique(thin_cloud(points, _SPACING_SAMPLE), axis=0))
     if distinct < MIN_OBJECT_PIXELS:
         raise InvalidInput(
             f"The target has {distinct} distinct points; at least {MIN_OBJECT_PIXELS} are needed.",
@@ -117,7 +117,7 @@ def _project_nearest(pixels: Array, depths: Array, shape: tuple[int, int]) -> Ar
 
 def _render_table(camera: Camera, base_T_camera: Pose, table: Plane, shape: tuple[int, int]) -> Array:
     """(h, w): depth of the table behind each pixel, 0 where there is none."""
-    rays = base_T_camera.rotate(camera.organised(np.ones(shape)))
+    rays = base_T_camera.rotate(camera.back_project_image(np.ones(shape)))
     approach = -(rays @ table.normal)
     height = float(table.height(base_T_camera.translation))
     return np.asarray(np.where(approach > 1e-3, height / np.maximum(approach, 1e-3), 0.0), dtype=np.float64)

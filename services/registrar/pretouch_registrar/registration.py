@@ -91,11 +91,11 @@ class Registrar:
         cloud = pose_from_correction(solution.x, scene.centroid).apply(scene.cloud)
         centroid = scene.centroid + solution.x[3:]
 
-        def expected(candidate: Trajectory) -> float:
+        def predict_error(candidate: Trajectory) -> float:
             left = predict_covariance(problem, solution.x, solution.covariance, candidate, settings.sensor)
             return point_error(left, cloud, centroid)[0]
 
-        return self._resources.map(expected, candidates)
+        return self._resources.map(predict_error, candidates)
 
     def _solve_cached(
         self, scene: Scene, scans: Sequence[Scan], settings: Settings

@@ -18,7 +18,7 @@ from pretouch.geometry import Plane, Pose, frozen_array
 from pretouch.mesh_target import MAX_EXTENT, MeshTarget
 from pretouch.scene import Scene
 from pretouch.tof import MAX_SAMPLES, Scan
-from pretouch_registrar.cloud_scene import MAX_CLOUD, cloud_scene, table_below, thinned
+from pretouch_registrar.cloud_scene import MAX_CLOUD, cloud_scene, find_table_below, thin_cloud
 from pretouch_registrar.files import read_shape
 from pretouch_registrar.files.content import read_bytes
 from pretouch_registrar.files.shape import check_size
@@ -59,7 +59,7 @@ def read_target(path: Path, given: Given, say: Say) -> Scene:
     if shape.faces is not None:
         check_size(path.name, shape.points[shape.faces].reshape(-1, 3), MAX_EXTENT)
         pose = given.base_T_object or Pose.identity()
-        table = given.table or _assumed(path.name, table_below(pose.apply(shape.points)), say)
+        table = given.table or _announce_table(path.name, find_table_below(pose.apply(shape.points)), say)
         return mesh_scene(MeshTarget(shape.points, shape.faces, pose, table))
     if given.base_T_object is not None:
         raise InvalidInput(f"{path.name} has no triangles, so --object-pose means nothing.", "Leave it out.")
@@ -83,7 +83,7 @@ def read_scan(path: Path, table: Plane, say: Say) -> Scan:
                 raise InvalidInput(
                     f"{path.name}: origins, directions and ranges are not equally many.", "Write one of each a beam."
                 )
-            kept = _kept(path.name, len(beams[2]), say)
+            kept = _choose_samples(path.name, len(beams[2]), say)
             scan = Scan(*(values[kept] for values in beams))
             check_size(path.name, scan.origins, MAX_EXTENT)
             return scan
@@ -94,10 +94,10 @@ def read_scan(path: Path, table: Plane, say: Say) -> Scan:
             say(f"{path.name}: {remark}")
         points = shape.points
     check_size(path.name, points, MAX_EXTENT)
-    return Scan.of_points(points[_kept(path.name, len(points), say)], -table.normal)
+    return Scan.of_points(points[_choose_samples(path.name, len(points), say)], -table.normal)
 
 
-def _kept(name: str, count: int, say: Say) -> NDArray[np.int64]:
+def _choose_samples(name: str, count: int, say: Say) -> NDArray[np.int64]:
     if count > MAX_SAMPLES:
         say(f"{name}: {count} samples were thinned out to {MAX_SAMPLES}.")
     return np.linspace(0, count - 1, min(count, MAX_SAMPLES)).astype(np.int64)
@@ -108,15 +108,15 @@ def _scene_of_points(
 ) -> Scene:
     if len(points) > MAX_CLOUD:
         say(f"{name}: {len(points)} points were thinned out to {MAX_CLOUD}.")
-    cloud = thinned(points, MAX_CLOUD)
+    cloud = thin_cloud(points, MAX_CLOUD)
     check_size(name, cloud, _LARGEST)
-    table = given.table or _assumed(name, table_below(cloud), say)
+    table = given.table or _announce_table(name, find_table_below(cloud), say)
     if viewpoint is None:
         say(f"{name}: no viewpoint is known, so it is looked at from straight above; --viewpoint gives the camera's.")
     return cloud_scene(cloud, table, None if viewpoint is None else np.asarray(viewpoint, dtype=np.float64))
 
 
-def _assumed(name: str, table: Plane, say: Say) -> Plane:
+def _announce_table(name: str, table: Plane, say: Say) -> Plane:
     say(f"{name}: the table is taken to be level at its lowest points, z = {table.offset:.4f} m; --table gives it.")
     return table
 
@@ -141,7 +141,7 @@ def _depth_scene(name: str, arrays: dict[str, NDArray[Any]], given: Given, say: 
     )
     check_size(name, scene.cloud, _LARGEST)
     if table is None:
-        scene = replace(scene, table=_assumed(name, table_below(scene.cloud), say))
+        scene = replace(scene, table=_announce_table(name, find_table_below(scene.cloud), say))
     return scene.cropped(_CROP)[0]
 
 

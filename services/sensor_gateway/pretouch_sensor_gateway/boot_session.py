@@ -38,7 +38,7 @@ class BootSession:
         if message.sequence is None or self._sequence is None:
             return True
         step = signed_difference(message.sequence, self._sequence)
-        return 1 <= step <= _FREE_STEPS + MAX_RATE * self._elapsed(message.micros)
+        return 1 <= step <= _FREE_STEPS + MAX_RATE * self._measure_elapsed(message.micros)
 
     def accept(self, measurement: Measurement, at: float) -> tuple[int, int, float | None]:
         """Makes `measurement` the session's newest one.
@@ -67,7 +67,7 @@ class BootSession:
         assert self._ticks is not None
         return self._ticks.unwrap(reply.micros, at)
 
-    def _elapsed(self, micros: int | None) -> float:
+    def _measure_elapsed(self, micros: int | None) -> float:
         """Seconds on the device's clock since the last measurement; infinite if the device sends no time."""
         if micros is None or self._micros is None or self._modulus is None:
             return float("inf")

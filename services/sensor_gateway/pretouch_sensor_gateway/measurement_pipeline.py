@@ -113,13 +113,13 @@ class MeasurementPipeline:
         """Calibrates ranges by `calibration` from now on."""
         self._batch_builder.calibration = calibration
 
-    def port_opened(self, at: float) -> None:
+    def on_port_opened(self, at: float) -> None:
         """The port is open: the handshake starts over, and a half-received message is void."""
         self._parser.restart()
         self._handshake.start(at)
         self._unconfirmed_since = at if self._tracker.in_session else None
 
-    def port_closed(self) -> None:
+    def on_port_closed(self) -> None:
         """The port is closed: whatever waits for confirmation will get none."""
         self._release_unconfirmed()
         self._tracker.drop_candidate()

@@ -52,7 +52,7 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
     return pb.GetStatusResponse(
         device=device_to_proto(device),
         format=source.format,
-        identity=_identity(source),
+        identity=_identity_to_proto(source),
         epoch=source.epoch,
         connections=source.connections,
         refused={reason.name.lower(): count for reason, count in source.refused.items()},
@@ -74,7 +74,7 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
             )
             for module in status.modules
         ],
-        recording=None if device.recorder is None else _recording(device.recorder),
+        recording=None if device.recorder is None else _recording_to_proto(device.recorder),
         subscribers=status.subscribers,
         overrun=status.overrun,
         host_clock_jumps=source.clock.host_jumps,
@@ -82,7 +82,7 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
     )
 
 
-def _identity(source: SourceStatus) -> pb.Identity | None:
+def _identity_to_proto(source: SourceStatus) -> pb.Identity | None:
     identity = source.identity
     if identity is None:
         return None
@@ -91,7 +91,7 @@ def _identity(source: SourceStatus) -> pb.Identity | None:
     )
 
 
-def _recording(recorder: Recorder) -> pb.RecordingStatus:
+def _recording_to_proto(recorder: Recorder) -> pb.RecordingStatus:
     status = recorder.status()
     return pb.RecordingStatus(
         on=status.on,

@@ -81,18 +81,18 @@ class SerialSource:
             clock=pipeline.clock,
         )
 
-    def opened(self, at: float) -> None:
+    def on_opened(self, at: float) -> None:
         self._opened_at = at
         self._refused_before = self._pipeline.refused
         self._record_event("The port was opened.")
-        self._pipeline.port_opened(at)
+        self._pipeline.on_port_opened(at)
         self._send_due.set()
 
-    def closed(self, at: float) -> None:
+    def on_closed(self, at: float) -> None:
         self._record_event(f"The port was lost: {self._link.problem}")
-        self._pipeline.port_closed()
+        self._pipeline.on_port_closed()
 
-    def received(self, data: bytes, at: float) -> None:
+    def on_received(self, data: bytes, at: float) -> None:
         epoch = self._pipeline.epoch
         for batch in self._pipeline.feed(data, at, _unix_time(at)):
             self._deliver(batch)

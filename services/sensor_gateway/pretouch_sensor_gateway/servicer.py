@@ -51,7 +51,7 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
                 await subscription.changed.wait()
                 subscription.changed.clear()
                 if self._context.draining.is_set():
-                    raise _stopping()
+                    raise _explain_shutdown()
                 batches, overrun = subscription.take()
                 for batch in batches:
                     yield pb.StreamRangesResponse(batch=batch.message, overrun=overrun)
@@ -72,7 +72,7 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
                 async for fused, lost, overrun in responses:
                     yield points_to_proto(fused, lost, overrun)
             if self._context.draining.is_set():
-                raise _stopping()
+                raise _explain_shutdown()
 
     async def GetSamples(self, request: pb.GetSamplesRequest, context: Any) -> pb.GetSamplesResponse:
         start, end = getattr(request, "from"), request.to
@@ -95,5 +95,5 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
         return self._devices[name or next(iter(self._devices))]
 
 
-def _stopping() -> Unavailable:
+def _explain_shutdown() -> Unavailable:
     return Unavailable("The gateway is shutting down.", "Connect again in a few seconds.")

@@ -62,7 +62,7 @@ class ConeFinger:
         answered = np.isfinite(true) & (signal >= errors.least_signal)
         met = np.where(answered, true, sensor.range_max)
         spread = errors.noise * np.clip(np.maximum(signal, 1e-9) ** -0.5, *_NOISE_SCALE)
-        ranges = self._rounded(met + errors.curve(met) + bias + spread * normal)
+        ranges = self._round_to_step(met + errors.curve(met) + bias + spread * normal)
 
         status = np.full(n, Status.OK, dtype=np.int64)
         status[ranges > sensor.range_max] = Status.NO_TARGET
@@ -71,11 +71,13 @@ class ConeFinger:
         status[flagged] = np.where(which < _EARLY, Status.EARLY_CONVERGENCE, Status.SNR)[flagged]
         status[~answered] = Status.NO_TARGET
         outlier = chance > 1 - errors.outliers
-        ranges[outlier] = self._rounded(sensor.range_min + anywhere * (sensor.range_max - sensor.range_min))[outlier]
+        ranges[outlier] = self._round_to_step(sensor.range_min + anywhere * (sensor.range_max - sensor.range_min))[
+            outlier
+        ]
         status[outlier] = Status.OK
         return np.where(status == Status.OK, ranges, np.nan), status
 
-    def _rounded(self, ranges: Array) -> Array:
+    def _round_to_step(self, ranges: Array) -> Array:
         if not self.errors.step:
             return ranges
         return np.asarray(np.round(ranges / self.errors.step) / round(1 / self.errors.step), dtype=np.float64)

@@ -37,27 +37,27 @@ class Broken:
         return ranges, np.where(np.isnan(ranges), Status.NO_TARGET, STATUS_OK).astype(np.int64)
 
 
-def stuck(finger: Finger, at: float = 0.03) -> Finger:
+def make_stuck_finger(finger: Finger, at: float = 0.03) -> Finger:
     """Always reports `at`, m."""
     return Broken(finger, lambda ranges, _: np.full(len(ranges), at))
 
 
-def dead(finger: Finger) -> Finger:
+def make_dead_finger(finger: Finger) -> Finger:
     """Never reports a range."""
     return Broken(finger, lambda ranges, _: np.full(len(ranges), np.nan))
 
 
-def noise(finger: Finger) -> Finger:
+def make_noise_finger(finger: Finger) -> Finger:
     """Reports ranges that are uniform over the sensor's range, whatever is there."""
     low, high = finger.sensor.range_min, finger.sensor.range_max
     return Broken(finger, lambda ranges, rng: rng.uniform(low, high, len(ranges)))
 
 
-def in_millimetres(finger: Finger) -> Finger:
+def make_millimetre_finger(finger: Finger) -> Finger:
     """Reports millimetres instead of metres."""
     return Broken(finger, lambda ranges, _: 1000 * ranges)
 
 
-def one_stuck(finger: Finger, at: float = 0.03, modules: int = 6, spacing: float = 0.008) -> Several:
+def make_stuck_module(finger: Finger, at: float = 0.03, modules: int = 6, spacing: float = 0.008) -> Several:
     """A row of modules `spacing` m apart, all as `finger` but for the last, which always reports `at`, m."""
-    return side_by_side([*[finger] * (modules - 1), stuck(finger, at)], spacing)
+    return side_by_side([*[finger] * (modules - 1), make_stuck_finger(finger, at)], spacing)

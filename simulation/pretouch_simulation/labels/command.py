@@ -23,12 +23,12 @@ from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.labels.frame_task import frame_tasks
 from pretouch_simulation.labels.generation import Kind, Outcome, Recipe, describe
-from pretouch_simulation.labels.making import Cluster, make, unlabelled
+from pretouch_simulation.labels.making import Cluster, find_unlabelled, make
 from pretouch_simulation.labels.pictures import save_contact_sheet, save_statistics
 from pretouch_simulation.labels.statistics import statistics, table
 from pretouch_simulation.labels.task import ViewTask, tasks_of
 from pretouch_simulation.mesh_folder import meshes_in
-from pretouch_simulation.split import mixing_key
+from pretouch_simulation.split import compute_mixing_key
 
 _FILE_WIDTH = 140
 
@@ -91,7 +91,7 @@ def generate(
     try:
         failed = _make_with_progress(tasks, recipe, dataset, workers or os.cpu_count() or 1, engine_cluster, console)
     except KeyboardInterrupt:
-        kept = len(tasks) - len(unlabelled(tasks, dataset))
+        kept = len(tasks) - len(find_unlabelled(tasks, dataset))
         console.print(
             f"Interrupted. {kept} of {len(tasks)} views are kept in {out}; the same command goes on.",
             markup=False,
@@ -139,7 +139,7 @@ def _tasks(
     camera: CameraModel,
 ) -> list[ViewTask]:
     """Meshes in an order that mixes their sources, then what is made in code, then frames."""
-    files = sorted(meshes_in(meshes), key=lambda path: mixing_key(path.stem)) if meshes else []
+    files = sorted(meshes_in(meshes), key=lambda path: compute_mixing_key(path.stem)) if meshes else []
     seen: list[ViewTask] = [*frame_tasks(frames)] if frames else []
     return [*tasks_of(files, made_in_code, poses, views, camera), *seen] if files or made_in_code or not seen else seen
 
@@ -154,7 +154,7 @@ def _make_with_progress(
 ) -> list[Outcome]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
-        there = len(tasks) - len(unlabelled(tasks, dataset))
+        there = len(tasks) - len(find_unlabelled(tasks, dataset))
         bar = progress.add_task("views", total=len(tasks), completed=there)
         return make(tasks, recipe, dataset, workers, cluster, lambda outcome: progress.advance(bar))
 

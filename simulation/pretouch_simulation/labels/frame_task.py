@@ -9,7 +9,7 @@ from typing import Any
 from pretouch.errors import InvalidInput, NotFound, PretouchError
 from pretouch.geometry import Pose
 from pretouch.scene import Scene
-from pretouch_simulation.frames import frame_case, labelled_in, load_frame, load_images, upright
+from pretouch_simulation.frames import frame_case, list_labelled, load_frame, load_images, upright
 from pretouch_simulation.labels.view import LabelView, scene_of, view_of
 from pretouch_simulation.split import object_of, split_of
 
@@ -93,7 +93,7 @@ def frame_tasks(folder: Path) -> list[FrameTask]:
 
 def _objects_of(file: Path) -> list[FrameTask]:
     try:
-        found = labelled_in(file)
+        found = list_labelled(file)
     except PretouchError:
         found = {}
     return [FrameTask(file, label, called) for label, called in found.items()] or [FrameTask(file)]

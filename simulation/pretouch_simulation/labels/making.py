@@ -26,7 +26,7 @@ class Cluster(StrEnum):
     RAY = "ray"
 
 
-def unlabelled(tasks: Sequence[ViewTask], dataset: Dataset) -> list[ViewTask]:
+def find_unlabelled(tasks: Sequence[ViewTask], dataset: Dataset) -> list[ViewTask]:
     """The tasks that have no file yet."""
     return [task for task in tasks if not dataset.path(task.side, task.name).exists()]
 
@@ -48,7 +48,7 @@ def make(
         Unavailable: a worker was ended from outside, or the cluster cannot be used.
         KeyboardInterrupt: what was done by then is in the dataset.
     """
-    wanted = unlabelled(tasks, dataset)
+    wanted = find_unlabelled(tasks, dataset)
     failed: dict[str, Outcome] = {}
     calls = [(task, recipe, dataset.folder) for task in wanted]
     with closing(_label_all(calls, recipe, workers, cluster)) as outcomes:  # closing ends the workers

@@ -15,7 +15,7 @@ from pretouch.geometry import Array
 from pretouch.rectangle import RotatedRectangle
 from pretouch_simulation.labels.statistics import ViewStatistics
 from pretouch_simulation.reliability import save_small
-from pretouch_simulation.split import mixing_key
+from pretouch_simulation.split import compute_mixing_key
 
 _COLOURS = {"train": "#1b9e77", "validation": "#d95f02"}
 _BEST, _WORST = "#00d000", "#ff2020"
@@ -67,10 +67,10 @@ def save_contact_sheet(dataset: Dataset, path: Path, rows: int = 6) -> list[str]
 
 def _chosen(dataset: Dataset) -> list[tuple[str, Path]]:
     """Side and file, in an order fixed by the names: every object comes once before any comes again."""
-    files = [(side, file) for side in SIDES for file in dataset.paths(side)]
+    files = [(side, file) for side in SIDES for file in dataset.list_paths(side)]
     seen: dict[str, int] = {}
     order = []
-    for side, file in sorted(files, key=lambda one: mixing_key(one[1].stem)):
+    for side, file in sorted(files, key=lambda one: compute_mixing_key(one[1].stem)):
         thing = file.stem.partition("-")[0]
         seen[thing] = seen.get(thing, 0) + 1
         order.append((seen[thing], side, file))
@@ -147,7 +147,7 @@ def _draw_unscannable(axes: Any, by_side: dict[str, list[ViewStatistics]]) -> No
 
 
 def _draw_view(axes: Any, example: Example, side: str, worst: bool) -> None:
-    scene, errors = example.scene, example.achieved(worst)
+    scene, errors = example.scene, example.compute_errors(worst)
     depth = scene.depth.metres.astype(np.float64)
     near, far = np.quantile(depth[scene.mask], (0.01, 0.99))
     depth[depth == 0] = np.nan

@@ -8,7 +8,7 @@ import numpy as np
 
 from pretouch.geometry import Pose
 from pretouch_simulation.mesh import Mesh
-from pretouch_simulation.objects import bottle, bowl, box, can, lathed, mug
+from pretouch_simulation.objects import bottle, bowl, box, can, lathe, mug
 
 
 def make_procedural(number: int) -> tuple[str, Mesh]:
@@ -47,7 +47,7 @@ def _vase(rng: np.random.Generator) -> Mesh:
     """A solid of revolution with a random outline."""
     heights = np.linspace(0.0, rng.uniform(0.05, 0.2), 7)
     radii = np.clip(np.cumsum(np.r_[rng.uniform(0.02, 0.045), rng.normal(0.0, 0.009, 6)]), 0.01, 0.07)
-    return lathed([(0, 0), *zip(radii, heights, strict=True), (0, heights[-1])])
+    return lathe([(0, 0), *zip(radii, heights, strict=True), (0, heights[-1])])
 
 
 def _blocks(rng: np.random.Generator) -> Mesh:
@@ -64,10 +64,10 @@ def _tool(rng: np.random.Generator) -> Mesh:
     """A long handle, lying, with a head across it."""
     length, height = rng.uniform(0.1, 0.2), rng.uniform(0.015, 0.035)
     head = box(*rng.uniform([0.02, 0.05, height], [0.05, 0.11, 1.5 * height]))
-    return Mesh.joined([box(length, rng.uniform(0.015, 0.035), height), head.moved(_shifted(length / 2))])
+    return Mesh.joined([box(length, rng.uniform(0.015, 0.035), height), head.moved(_shift_along_x(length / 2))])
 
 
-def _shifted(x: float) -> Pose:
+def _shift_along_x(x: float) -> Pose:
     return Pose.from_rotation_vector([0.0, 0.0, 0.0], [x, 0.0, 0.0])
 
 

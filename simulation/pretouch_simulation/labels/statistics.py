@@ -52,8 +52,8 @@ class ViewStatistics:
 
 
 def statistics_of(example: Example, side: str, worst: bool) -> ViewStatistics:
-    """Of a view; `worst` as in `Example.achieved`."""
-    errors = example.achieved(worst)
+    """The statistics of a view; `worst` as in `Example.compute_errors`."""
+    errors = example.compute_errors(worst)
     unscannable = np.nan
     if not np.isnan(example.predicted).all():
         left = from_prior(Prior(), example.scene.cloud).expected_error
@@ -72,13 +72,15 @@ def _agreement(example: Example, worst: bool) -> float:
 
 
 def statistics(dataset: Dataset) -> list[ViewStatistics]:
-    """Of all views.
+    """The statistics of all views.
 
     Raises:
         NotFound: there is none.
         Malformed: a file is damaged.
     """
-    found = [statistics_of(example, side, dataset.by_worst) for side in SIDES for example in dataset.examples(side)]
+    found = [
+        statistics_of(example, side, dataset.by_worst) for side in SIDES for example in dataset.read_examples(side)
+    ]
     if not found:
         raise NotFound(f"{dataset.folder} holds no labelled view yet.", "Go on with `pretouch labels generate`.")
     return found

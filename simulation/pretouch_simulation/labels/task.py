@@ -15,7 +15,7 @@ from pretouch_simulation.labels.view import LabelView, view_of
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.protocol import Case, case_of, generator
 from pretouch_simulation.split import object_of, split_of
-from pretouch_simulation.stable_pose import resting_poses
+from pretouch_simulation.stable_pose import find_resting_poses
 
 _POSES = 3
 """Resting poses that are computed; an object with fewer repeats them, seen from other places."""
@@ -104,7 +104,7 @@ class Task:
             PretouchError: the mesh cannot be read, has no volume, or is not seen.
         """
         mesh = load_mesh(self.source) if isinstance(self.source, Path) else make_procedural(self.source)[1]
-        poses = resting_poses(mesh, _POSES)
+        poses = find_resting_poses(mesh, _POSES)
         return case_of(
             self.name,
             poses[self.pose % len(poses)],

@@ -51,10 +51,10 @@ class Backbone(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         with torch.autocast(image.device.type, torch.bfloat16, enabled=self.training):
-            out = self._features(image)
+            out = self._extract_features(image)
         return out.float()
 
-    def _features(self, image: Tensor) -> Tensor:
+    def _extract_features(self, image: Tensor) -> Tensor:
         a = self.quarter(self.stem(image))
         b = self.eighth(a)
         c = self.sixteenth(b)

@@ -39,7 +39,7 @@ class Encoding:
     centre: tuple[float, float]
     half: float
 
-    def normalised(self, rectangles: ArrayLike) -> NDArray[np.float32]:
+    def normalise(self, rectangles: ArrayLike) -> NDArray[np.float32]:
         """Rectangles (n, 5), px and rad, in units of the square: its sides are at -1 and 1."""
         given = np.asarray(rectangles, dtype=np.float64).reshape(-1, 5)
         return np.column_stack(
@@ -67,7 +67,7 @@ def encode(scene: Scene) -> Encoding:
     away = scene.base_T_camera.rotation[:, 2] - scene.table.normal * (
         scene.base_T_camera.rotation[:, 2] @ scene.table.normal
     )
-    away = _unit(away, scene.base_T_camera.rotation[:, 1])
+    away = _normalise(away, scene.base_T_camera.rotation[:, 1])
     across = np.cross(scene.table.normal, away)
     seen = metres > 0
     places = np.stack([scene.table.height(arms + scene.centroid), arms @ away, arms @ across]) / LENGTH
@@ -92,6 +92,6 @@ def _sample_depths(metres: NDArray[np.float32], window: tuple[NDArray[np.intp], 
     return ordered[..., middle].astype(np.float64)
 
 
-def _unit(vector: Array, otherwise: Array) -> Array:
+def _normalise(vector: Array, otherwise: Array) -> Array:
     length = float(np.linalg.norm(vector))
     return np.asarray(vector / length if length > 1e-6 else otherwise, dtype=np.float64)

@@ -13,8 +13,8 @@ _PLACES = slice(0, 3)
 _OBJECT = CHANNELS.index("object")
 
 
-def object_of(image: Tensor) -> tuple[Tensor, Tensor]:
-    """Of the object in images (b, C, s, s), in LENGTH: its mean (b, 3), height, away, across, and rms radius (b,)."""
+def locate_object(image: Tensor) -> tuple[Tensor, Tensor]:
+    """The object's mean (b, 3), as height, away and across, and rms radius (b,), in LENGTH, of images (b, C, s, s)."""
     on = (image[:, _OBJECT] > 0.5).to(image.dtype)
     share = on / on.sum(dim=(1, 2), keepdim=True).clamp_min(1.0)
     places = image[:, _PLACES]
@@ -23,7 +23,7 @@ def object_of(image: Tensor) -> tuple[Tensor, Tensor]:
     return middle, torch.sqrt(squares + 1e-6)
 
 
-def remaining_variances(arms: Tensor, directions: Tensor) -> Tensor:
+def predict_variances(arms: Tensor, directions: Tensor) -> Tensor:
     """Variances (..., 6) of rotation vector, rad^2, and translation, LENGTH^2, after the beams, given the prior.
 
     Args:
@@ -43,11 +43,11 @@ def remaining_variances(arms: Tensor, directions: Tensor) -> Tensor:
     prior = d.new_tensor(_PRIOR)
     rows = (torch.cat([turns, d], dim=-1) * prior).flatten(-3, -2)  # (..., k p, 6)
     information = rows.transpose(-1, -2) @ rows + torch.eye(6, dtype=d.dtype, device=d.device)
-    return torch.diagonal(inverse(information), dim1=-2, dim2=-1) * prior**2
+    return torch.diagonal(invert(information), dim1=-2, dim2=-1) * prior**2
 
 
-def inverse(matrix: Tensor) -> Tensor:
-    """Of symmetric positive definite matrices (..., n, n), by Gauss and Jordan: ONNX has no operator for it."""
+def invert(matrix: Tensor) -> Tensor:
+    """Inverts symmetric positive definite matrices (..., n, n) by Gauss-Jordan: ONNX has no operator for it."""
     n = matrix.shape[-1]
     eye = torch.eye(n, dtype=matrix.dtype, device=matrix.device)
     work = torch.cat([matrix, eye.expand_as(matrix)], dim=-1)

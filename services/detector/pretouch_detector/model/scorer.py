@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from pretouch_detector.model.backbone import Backbone
 from pretouch_detector.model.encoding import CHANNELS, LENGTH
-from pretouch_detector.model.information import object_of, remaining_variances
+from pretouch_detector.model.information import locate_object, predict_variances
 
 POINTS = 48
 """Points along a perimeter, evenly."""
@@ -50,7 +50,7 @@ class _Along(nn.Module):
 class Scorer(nn.Module):
     """`forward(image (b, C, S, S), rectangles (b, r, 5), analytic (b, r))` -> (b, r, len(OUTPUTS)).
 
-    Rectangles are as by `Encoding.normalised`, analytic errors in m.
+    Rectangles are as by `Encoding.normalise`, analytic errors in m.
     """
 
     def __init__(self, features: int = 48, width: int = 32, hidden: int = 64) -> None:
@@ -76,16 +76,16 @@ class Scorer(nn.Module):
     def forward(self, image: Tensor, rectangles: Tensor, analytic: Tensor) -> Tensor:
         features = self.backbone(image)
         b, r = rectangles.shape[:2]
-        points, tangent = perimeter(rectangles, self.steps)
+        points, tangent = sample_perimeters(rectangles, self.steps)
         seen = _sample(image, points)  # (b, c, r, p)
         local = torch.cat([points - rectangles[..., None, :2], tangent, points], dim=-1).permute(0, 3, 1, 2)
         x = self.point(torch.cat([_sample(features, points), seen, local], dim=1))  # (b, hidden, r, p)
         for layer in self.along:
             x = layer(x)
         directions = _SHARP * self.directions(x).reshape(b, _DIRECTIONS, 3, r, POINTS).permute(0, 3, 1, 4, 2)
-        middle, radius = object_of(image)
+        middle, radius = locate_object(image)
         arms = seen[:, :3].permute(0, 2, 3, 1) - middle[:, None, None]
-        left = remaining_variances(arms[:, :, None], directions)  # (b, r, 6)
+        left = predict_variances(arms[:, :, None], directions)  # (b, r, 6)
         turned, moved = left[..., :3].sum(dim=-1), left[..., 3:].sum(dim=-1)
         by_information = 0.5 * torch.log(moved + radius[:, None] ** 2 * 2.0 / 3.0 * turned) + math.log(LENGTH)
         logs = torch.stack([by_information, torch.log(analytic)], dim=-1)
@@ -97,7 +97,7 @@ class Scorer(nn.Module):
         return out
 
 
-def perimeter(rectangles: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
+def sample_perimeters(rectangles: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
     """Points and unit tangents (..., p, 2) at the shares `steps` (p,) of the way round rectangles (..., 5)."""
     x, y, w, h, theta = rectangles[..., None, :].unbind(-1)
     s = steps * 2.0 * (w + h)

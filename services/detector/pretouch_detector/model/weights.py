@@ -40,7 +40,7 @@ class Network:
 
     session: Any
 
-    def errors(self, encoding: Encoding, rectangles: ArrayLike, analytic: ArrayLike) -> Array:
+    def predict_errors(self, encoding: Encoding, rectangles: ArrayLike, analytic: ArrayLike) -> Array:
         """(n,), m: the error that a scan of each perimeter would leave.
 
         Args:
@@ -49,7 +49,7 @@ class Network:
         """
         inputs = {
             "image": encoding.image[None],
-            "rectangles": encoding.normalised(rectangles),
+            "rectangles": encoding.normalise(rectangles),
             "analytic": np.asarray(analytic, dtype=np.float32),
         }
         (answer,) = self.session.run(["log_error"], inputs)
@@ -79,7 +79,7 @@ class Weights:
         self._lock = Lock()
         self._outcome: Network | Unavailable | None = None
 
-    def network(self, threads: int = THREADS) -> Network:
+    def get_network(self, threads: int = THREADS) -> Network:
         """The network; `threads` counts for the first call only.
 
         Raises:
@@ -116,9 +116,9 @@ def _check_answers(network: Network) -> None:
     """Runs the network on an empty image and three rectangles; any other answer than three errors is refused."""
     nothing = Encoding(np.zeros((len(CHANNELS), SIZE, SIZE), np.float32), (0.0, 0.0), 1.0)
     try:
-        answer = network.errors(nothing, [(0.0, 0.0, 1.0, 1.0, 0.0)] * 3, [0.01] * 3)
+        answer = network.predict_errors(nothing, [(0.0, 0.0, 1.0, 1.0, 0.0)] * 3, [0.01] * 3)
     except Exception as error:  # onnxruntime raises many kinds of error
-        raise Unavailable(f"The weights hold another network: {_first_line(error)}", _REMEDY) from error
+        raise Unavailable(f"The weights hold another network: {_take_first_line(error)}", _REMEDY) from error
     if answer.shape != (3,) or not np.isfinite(answer).all():
         raise Unavailable(f"The weights answer {answer}, not three errors.", _REMEDY)
 
@@ -152,8 +152,8 @@ def _open_session(path: Path, threads: int) -> Any:
     try:
         return onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises many kinds of error
-        raise Unavailable(f"The weights {path.name} are damaged: {_first_line(error)}", _REMEDY) from error
+        raise Unavailable(f"The weights {path.name} are damaged: {_take_first_line(error)}", _REMEDY) from error
 
 
-def _first_line(error: Exception) -> str:
+def _take_first_line(error: Exception) -> str:
     return str(error).partition("\n")[0]

@@ -2,7 +2,7 @@
 
 `pretouch.session.Proposer` lists them; each is the module of its name in this package, with a function
 `propose(scene, sensor, count, rng) -> list[ProposedRegion]`, the best region first. A module that needs something that
-may be missing also has `reason_not_ready() -> str`, empty when the proposer can be used.
+may be missing also has `explain_unready() -> str`, empty when the proposer can be used.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class Proposals:
     regions: list[ProposedRegion]
 
 
-def readiness() -> list[tuple[Proposer, str]]:
+def list_readiness() -> list[tuple[Proposer, str]]:
     """Each proposer, the usable ones first, with the reason why it is not ready; empty when it is."""
-    return sorted(((proposer, _reason_not_ready(proposer)) for proposer in Proposer), key=lambda pair: bool(pair[1]))
+    return sorted(((proposer, _explain_unready(proposer)) for proposer in Proposer), key=lambda pair: bool(pair[1]))
 
 
 def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int, seed: int) -> Proposals:
@@ -46,17 +46,17 @@ def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int,
     """
     if not 1 <= count <= MAX_REGIONS:
         raise InvalidInput(f"{count} regions were requested.", f"Ask for 1 to {MAX_REGIONS}.")
-    chosen = proposer or readiness()[0][0]
-    if obstacle := _reason_not_ready(chosen):
-        names = ", ".join(name for name, reason in readiness() if not reason)
+    chosen = proposer or list_readiness()[0][0]
+    if obstacle := _explain_unready(chosen):
+        names = ", ".join(name for name, reason in list_readiness() if not reason)
         raise Unavailable(f"The proposer {chosen} is not ready: {obstacle}", f"Choose one of {names}.")
-    regions: list[ProposedRegion] = _module(chosen).propose(scene, sensor, count, np.random.default_rng(seed))
+    regions: list[ProposedRegion] = _import_module(chosen).propose(scene, sensor, count, np.random.default_rng(seed))
     return Proposals(chosen, regions)
 
 
-def _reason_not_ready(proposer: Proposer) -> str:
-    module = _module(proposer)
-    reason: str = module.reason_not_ready() if hasattr(module, "reason_not_ready") else ""
+def _explain_unready(proposer: Proposer) -> str:
+    module = _import_module(proposer)
+    reason: str = module.explain_unready() if hasattr(module, "explain_unready") else ""
     return reason
 
 
@@ -67,11 +67,11 @@ def warm_up() -> None:
     mask[8:16, 8:16] = True
     camera, table = Camera(500.0, 500.0, 11.5, 11.5), Plane(np.array([0.0, 0.0, 1.0]), 0.0)
     scene = Scene(DepthImage(depth), camera, Pose.identity(), mask, table)
-    for proposer, reason in readiness():
+    for proposer, reason in list_readiness():
         if not reason:
             propose(scene, proposer, Sensor(), 1, 0)
 
 
-def _module(proposer: Proposer) -> Any:
+def _import_module(proposer: Proposer) -> Any:
     """Imported on first use, since numba takes a second to import."""
     return import_module(f"{__name__}.{proposer.value}")

@@ -16,7 +16,7 @@ from pretouch.scene import Scene
 from pretouch.tof import Sensor
 from pretouch_detector.model.encoding import encode
 from pretouch_detector.model.weights import FOLDER, THREADS, Network, Weights
-from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.proposals.information import predict_errors_after_scans
 from pretouch_detector.proposals.random import draw_rectangles
 from pretouch_detector.suppression import suppress_overlapping
 
@@ -33,13 +33,13 @@ def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) 
     Raises:
         Unavailable: the network cannot be read.
     """
-    return propose_by(WEIGHTS.network(), scene, sensor, count, rng)
+    return propose_with(WEIGHTS.get_network(), scene, sensor, count, rng)
 
 
-def reason_not_ready() -> str:
+def explain_unready() -> str:
     """Why the proposer cannot be used; empty when it can."""
     try:
-        WEIGHTS.network()
+        WEIGHTS.get_network()
     except Unavailable as error:
         return error.detail
     return ""
@@ -48,21 +48,21 @@ def reason_not_ready() -> str:
 def warm_up(threads: int = THREADS) -> None:
     """Loads the network, if possible, for inference with `threads` threads."""
     try:
-        WEIGHTS.network(threads)
+        WEIGHTS.get_network(threads)
     except Unavailable:
         return
 
 
-def propose_by(
+def propose_with(
     network: Network, scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator
 ) -> list[ProposedRegion]:
     """As `propose`, with the given network."""
     scene, origin = scene.cropped(_MARGIN)
     rectangles = draw_rectangles(scene, max(_CANDIDATES, count), rng)
-    analytic, _ = remaining_error(scene, sensor, rectangles)
+    analytic, _ = predict_errors_after_scans(scene, sensor, rectangles)
     chosen = np.argsort(analytic, kind="stable")[: max(_EVALUATED, count)]
     rectangles = rectangles[chosen]
-    errors = network.errors(encode(scene), rectangles, analytic[chosen])
+    errors = network.predict_errors(encode(scene), rectangles, analytic[chosen])
     order = np.argsort(errors, kind="stable")
     kept = order[suppress_overlapping(rectangles[order], count)]
     confidence = np.clip(1.0 - errors / from_prior(Prior(), scene.cloud).expected_error, 0.0, 1.0)
@@ -72,5 +72,5 @@ def propose_by(
 
 def predict_errors(network: Network, scene: Scene, sensor: Sensor, rectangles: Array) -> Array:
     """(n,), m: the error that a scan along each perimeter would leave; rectangles (n, 5) in the scene's pixels."""
-    analytic, _ = remaining_error(scene, sensor, rectangles)
-    return network.errors(encode(scene), rectangles, analytic)
+    analytic, _ = predict_errors_after_scans(scene, sensor, rectangles)
+    return network.predict_errors(encode(scene), rectangles, analytic)

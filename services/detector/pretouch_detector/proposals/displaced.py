@@ -14,13 +14,13 @@ _TERMS = 21
 
 
 @njit(cache=True, nogil=True)
-def mean_square(
+def average_square_errors(
     rows: Array, grid: Grid, paths: Array, independent: Array, shifts: Array, precision: Array, lever: Array
 ) -> Array:
     """(n,): the mean over displacements of trace(lever^T C lever), C being the covariance after a scan of a path.
 
     Args:
-        rows: (nx, ny, 6), see `information._rows`, over the cells of `grid`.
+        rows: (nx, ny, 6), see `information._linearise_beams`, over the cells of `grid`.
         independent: (n,), independent measurements that each beam of a path counts for.
         shifts: (t, 3), m and rad: the displacements.
         precision: (6, 6), the prior's.
@@ -41,7 +41,7 @@ def mean_square(
     total = np.zeros(len(paths))
     for n in range(len(paths)):
         for t in range(len(shifts)):
-            _met(paths[n], shifts[t], grid, met)
+            _find_cells(paths[n], shifts[t], grid, met)
             information[:] = 0.0
             for i in range(len(met)):
                 product = products[met[i]]
@@ -52,12 +52,12 @@ def mean_square(
                 for b in range(a + 1):
                     matrix[a, b] = information[k] * independent[n] + precision[a, b]
                     k += 1
-            total[n] += _trace_of_inverse(matrix, lever)
+            total[n] += _compute_trace(matrix, lever)
     return total / len(shifts)
 
 
 @njit(cache=True, nogil=True)
-def _met(path: Array, shift: Array, grid: Grid, met: NDArray[np.int64]) -> None:
+def _find_cells(path: Array, shift: Array, grid: Grid, met: NDArray[np.int64]) -> None:
     """Fills `met` (b,) with the index of the cell that each beam of a path (b, 2), m, hits after the displacement."""
     corner, cell, (nx, ny) = grid
     cosine, sine = np.cos(shift[2]) / cell, np.sin(shift[2]) / cell
@@ -71,7 +71,7 @@ def _met(path: Array, shift: Array, grid: Grid, met: NDArray[np.int64]) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _trace_of_inverse(matrix: Array, lever: Array) -> float:
+def _compute_trace(matrix: Array, lever: Array) -> float:
     """trace(lever^T matrix^-1 lever) of a positive definite matrix (6, 6); its lower triangle is overwritten.
 
     With matrix = L L^T it is the sum of the squares of L^-1 lever.

@@ -1,4 +1,4 @@
-"""A depth image seen from above the table: the compiled part of `relief`."""
+"""A depth image seen from above the table: the compiled part of `map_relief`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Grid(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def from_above(
+def project_from_above(
     depth: NDArray[np.float32],
     mask: NDArray[np.bool_],
     camera: Array,

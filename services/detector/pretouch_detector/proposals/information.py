@@ -20,9 +20,9 @@ from pretouch.estimate import Prior
 from pretouch.geometry import Array
 from pretouch.scene import SCAN_MARGIN, Scene
 from pretouch.tof import Sensor
-from pretouch_detector.proposals.displaced import mean_square
-from pretouch_detector.proposals.paths import perimeter_paths
-from pretouch_detector.proposals.relief import Relief, relief
+from pretouch_detector.proposals.displaced import average_square_errors
+from pretouch_detector.proposals.paths import trace_perimeters
+from pretouch_detector.proposals.relief import Relief, map_relief
 
 _HEIGHT_STD = 0.002
 """m: standard deviation of the camera's points along the surface normal."""
@@ -49,27 +49,31 @@ _DISPLACED = np.array(
 """(t, 3): shifts in the table's plane and turns about its normal, in standard deviations of the prior."""
 
 
-def remaining_error(scene: Scene, sensor: Sensor, rectangles: Array, prior: Prior | None = None) -> tuple[Array, float]:
+def predict_errors_after_scans(
+    scene: Scene, sensor: Sensor, rectangles: Array, prior: Prior | None = None
+) -> tuple[Array, float]:
     """Root mean square errors (n,), m, of the object's points after a scan along each perimeter, and before any scan.
 
     Args:
         rectangles: (n, 5) as [x, y, w, h, theta], px and rad.
     """
     prior = prior or Prior()
-    seen = relief(scene)
+    seen = map_relief(scene)
     boxes = np.ascontiguousarray(rectangles, dtype=np.float64)
-    ways, lengths = perimeter_paths(
+    ways, lengths = trace_perimeters(
         boxes, seen.places, seen.first, seen.step, seen.away, seen.grid, SCAN_MARGIN, _BEAMS
     )
     independent = _INDEPENDENT * (lengths / _INDEPENDENT_LENGTH) ** _INDEPENDENT_POWER / _BEAMS
     shifts = _DISPLACED * (prior.translation_std, prior.translation_std, prior.rotation_std)
-    lever = _lever(seen.spread)
+    lever = _compute_lever(seen.spread)
     precision = np.diag(1.0 / np.diag(prior.covariance()))
-    squares = mean_square(_rows(seen, sensor), seen.grid, ways, independent, shifts, precision, lever)
+    squares = average_square_errors(
+        _linearise_beams(seen, sensor), seen.grid, ways, independent, shifts, precision, lever
+    )
     return np.sqrt(squares), float(np.sqrt(np.trace(lever.T @ prior.covariance() @ lever)))
 
 
-def _lever(spread: Array) -> Array:
+def _compute_lever(spread: Array) -> Array:
     """(6, 6): trace(lever^T C lever) is the mean square motion, m^2, of points by a pose's covariance C (6, 6).
 
     A turn w moves points of second moment `spread` (3, 3), m^2, by w^T (trace(spread) I - spread) w in mean square.
@@ -80,7 +84,7 @@ def _lever(spread: Array) -> Array:
     return lever
 
 
-def _rows(seen: Relief, sensor: Sensor) -> Array:
+def _linearise_beams(seen: Relief, sensor: Sensor) -> Array:
     """(nx, ny, 6): the Jacobian of a beam over each cell by a pose about the centroid, in units of its noise.
 
     Table axes; zero where the camera saw neither object nor table.

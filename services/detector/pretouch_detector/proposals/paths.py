@@ -13,7 +13,7 @@ _STEPS = 120
 
 
 @njit(cache=True, nogil=True)
-def perimeter_paths(
+def trace_perimeters(
     rectangles: Array,
     places: Array,
     first: tuple[int, int],

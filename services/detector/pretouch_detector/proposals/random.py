@@ -10,7 +10,7 @@ from pretouch.geometry import Array
 from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
-from pretouch_detector.overlap import common_areas
+from pretouch_detector.overlap import compute_common_areas
 
 MIN_OVERLAP = 0.15
 """Least intersection over union with the object's bounding rectangle (Lancaster et al. 2017, Algorithm 1)."""
@@ -40,7 +40,7 @@ def draw_rectangles(scene: Scene, count: int, rng: np.random.Generator) -> Array
     Raises:
         InvalidInput: no rectangle was accepted.
     """
-    low, high = _bounding(scene)
+    low, high = _bound_object(scene)
     area = float(np.prod(high - low))
     found = np.zeros((0, 5))
     for _ in range(_MAX_BATCHES):
@@ -49,7 +49,7 @@ def draw_rectangles(scene: Scene, count: int, rng: np.random.Generator) -> Array
         width = np.sqrt(size * np.exp(rng.uniform(-LOG_ASPECT, LOG_ASPECT, _BATCH)))
         theta = rng.uniform(-np.pi / 2, np.pi / 2, _BATCH)
         batch = np.column_stack([centre, width, size / width, theta])
-        found = np.concatenate([found, batch[_overlapping(batch, low, high)]])
+        found = np.concatenate([found, batch[_overlaps_enough(batch, low, high)]])
         if len(found) >= count:
             return found[:count]
     if not len(found):
@@ -61,14 +61,14 @@ def draw_rectangles(scene: Scene, count: int, rng: np.random.Generator) -> Array
     return found
 
 
-def _bounding(scene: Scene) -> tuple[Array, Array]:
+def _bound_object(scene: Scene) -> tuple[Array, Array]:
     """Corners (u, v) of the object's bounding rectangle, pixels' edges included."""
     u0, v0, u1, v1 = scene.bounds()
     return np.array([u0, v0]) - 0.5, np.array([u1, v1]) - 0.5
 
 
-def _overlapping(rectangles: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+def _overlaps_enough(rectangles: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     bounding = np.concatenate([(low + high) / 2, high - low, [0.0]])
-    common = common_areas(bounding, rectangles)
+    common = compute_common_areas(bounding, rectangles)
     union = rectangles[:, 2] * rectangles[:, 3] + np.prod(high - low) - common
     return np.asarray(common / union >= MIN_OVERLAP, dtype=np.bool_)

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from pretouch.geometry import Array
 from pretouch.scene import TABLE_BAND, Scene
-from pretouch_detector.proposals.from_above import Grid, from_above
+from pretouch_detector.proposals.from_above import Grid, project_from_above
 
 AROUND = 0.05
 """m of table around the object that are mapped."""
@@ -49,7 +49,7 @@ class Relief:
     spread: Array
 
 
-def relief(scene: Scene) -> Relief:
+def map_relief(scene: Scene) -> Relief:
     """What the camera saw within AROUND of the object."""
     table_T_base = scene.table.frame().inverse()
     body = table_T_base.apply(scene.cloud)
@@ -67,11 +67,11 @@ def relief(scene: Scene) -> Relief:
     table_T_camera = table_T_base @ scene.base_T_camera
     shift = table_T_camera.translation - (centroid[0], centroid[1], 0.0)
     grid = Grid(corner, cell, (nx, ny))
-    places, top, ground = from_above(depth, mask, camera, table_T_camera.rotation, shift, TABLE_BAND, grid)
+    places, top, ground = project_from_above(depth, mask, camera, table_T_camera.rotation, shift, TABLE_BAND, grid)
     on = ndimage.binary_closing(np.isfinite(top), iterations=_CLOSING)
     return Relief(
         grid=grid,
-        height=_filled(top, on),
+        height=_fill_gaps(top, on),
         known=on | ndimage.binary_closing(np.isfinite(ground), iterations=_CLOSING),
         away=np.asarray(ndimage.distance_transform_edt(~on) * cell, dtype=np.float64),
         centre_height=float(centroid[2]),
@@ -82,7 +82,7 @@ def relief(scene: Scene) -> Relief:
     )
 
 
-def _filled(top: Array, on: NDArray[np.bool_]) -> Array:
+def _fill_gaps(top: Array, on: NDArray[np.bool_]) -> Array:
     """`top` (nx, ny), at least 0; in gaps that are `on` the object, its neighbours' mean; elsewhere 0."""
     seen = np.isfinite(top)
     heights = np.where(seen, np.maximum(top, 0.0), 0.0)

@@ -31,7 +31,7 @@ class Batch:
 
 def batch_of(views: Sequence[Targets], rectangles: int, rng: np.random.Generator, device: torch.device) -> Batch:
     """The views with `rectangles` rectangles drawn from each; a view that has fewer repeats some."""
-    chosen = [_draw(len(view.rectangles), rectangles, rng) for view in views]
+    chosen = [_draw_indices(len(view.rectangles), rectangles, rng) for view in views]
     return Batch(
         torch.from_numpy(np.stack([view.image for view in views])).to(device),
         torch.from_numpy(np.stack([view.rectangles[k] for view, k in zip(views, chosen, strict=True)])).to(device),
@@ -40,6 +40,6 @@ def batch_of(views: Sequence[Targets], rectangles: int, rng: np.random.Generator
     )
 
 
-def _draw(there: int, wanted: int, rng: np.random.Generator) -> np.ndarray:
+def _draw_indices(there: int, wanted: int, rng: np.random.Generator) -> np.ndarray:
     order = rng.permutation(there)
     return np.resize(order, wanted)

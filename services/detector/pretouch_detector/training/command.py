@@ -44,7 +44,7 @@ def train(
     import torch
 
     from pretouch_detector.model.scorer import Scorer
-    from pretouch_detector.training.curves import draw
+    from pretouch_detector.training.curves import draw_curves
     from pretouch_detector.training.export import export_scorer, restore
     from pretouch_detector.training.processes import join_processes
     from pretouch_detector.training.targets import load
@@ -52,7 +52,7 @@ def train(
 
     check_folder(out)
     console = Console(stderr=True)
-    place = _device(device)
+    place = _choose_device(device)
     torch.manual_seed(seed)
     schedule = Schedule(epochs=epochs, batch=batch, rectangles=rectangles, rate=rate, seed=seed)
     network = Scorer()
@@ -74,10 +74,10 @@ def train(
         "validation": trainer.evaluate(validation),
     }
     export_scorer(out / "weights.safetensors", out, facts)
-    console.print(f"The weights are {out}/scorer.onnx and .safetensors; the curves are {draw(out)}.")
+    console.print(f"The weights are {out}/scorer.onnx and .safetensors; the curves are {draw_curves(out)}.")
 
 
-def _device(name: str | None) -> torch.device:
+def _choose_device(name: str | None) -> torch.device:
     import torch
 
     if name is None:

@@ -10,7 +10,7 @@ from pretouch.errors import NotFound
 _PREFIX = "validation "
 
 
-def draw(run: Path) -> Path:
+def draw_curves(run: Path) -> Path:
     """A panel for each term of the loss, on both sides, from `run/log.json`; the picture's path.
 
     Raises:

@@ -80,7 +80,7 @@ class Example:
         object.__setattr__(self, "expected", expected)
         object.__setattr__(self, "predicted", predicted)
 
-    def achieved(self, worst: bool) -> Array:
+    def compute_errors(self, worst: bool) -> Array:
         """(r,), m: each rectangle's error over its trials, NaN where none was made.
 
         Args:
@@ -156,13 +156,13 @@ class Dataset:
         """Where the view `name` of that side is, or would be."""
         return self.folder / side / f"{name}.npz"
 
-    def paths(self, side: str) -> list[Path]:
+    def list_paths(self, side: str) -> list[Path]:
         """The files of one side, in the order of their names."""
         return sorted((self.folder / side).glob("*.npz"))
 
-    def examples(self, side: str) -> Iterator[Example]:
+    def read_examples(self, side: str) -> Iterator[Example]:
         """All views of one side."""
-        return (read(path) for path in self.paths(side))
+        return (read(path) for path in self.list_paths(side))
 
 
 def write(path: Path, example: Example) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pretouch.errors import InvalidInput
 from pretouch_detector.model.encoding import encode
-from pretouch_detector.proposals.information import remaining_error
+from pretouch_detector.proposals.information import predict_errors_after_scans
 from pretouch_detector.training.dataset import Dataset, Example
 
 Floats = NDArray[np.float32]
@@ -24,7 +24,7 @@ class Targets:
 
     Attributes:
         image: (C, S, S), see `encoding`.
-        rectangles: (r, 5), as `Encoding.normalised`.
+        rectangles: (r, 5), as `Encoding.normalise`.
         analytic: (r,), m: as proposer `stability` computes it, see `proposals.information`.
         errors: (r, 3), m: ACHIEVED, the mean over the trials, or the worst of the paper's trials; EXPECTED by the
             engine after them; PREDICTED by the registrar before them. NaN where unknown.
@@ -37,7 +37,7 @@ class Targets:
 
 
 def targets_of(example: Example, worst: bool) -> Targets:
-    """Of one view.
+    """The training data of one view.
 
     Args:
         worst: take a rectangle's worst trial, as in the paper, instead of the mean of its trials.
@@ -46,9 +46,9 @@ def targets_of(example: Example, worst: bool) -> Targets:
     expected = np.full(len(example.rectangles), np.nan)
     answered = ~np.isnan(example.expected).all(axis=1)
     expected[answered] = np.nanmean(example.expected[answered], axis=1)
-    errors = np.column_stack([example.achieved(worst), expected, example.predicted]).astype(np.float32)
-    analytic, _ = remaining_error(example.scene, example.sensor, example.rectangles)
-    return Targets(encoding.image, encoding.normalised(example.rectangles), analytic.astype(np.float32), errors)
+    errors = np.column_stack([example.compute_errors(worst), expected, example.predicted]).astype(np.float32)
+    analytic, _ = predict_errors_after_scans(example.scene, example.sensor, example.rectangles)
+    return Targets(encoding.image, encoding.normalise(example.rectangles), analytic.astype(np.float32), errors)
 
 
 def load(folders: Sequence[Path], side: str) -> list[Targets]:
@@ -60,7 +60,7 @@ def load(folders: Sequence[Path], side: str) -> list[Targets]:
     found = []
     for folder in folders:
         dataset = Dataset(folder)
-        found += [targets_of(example, dataset.by_worst) for example in dataset.examples(side)]
+        found += [targets_of(example, dataset.by_worst) for example in dataset.read_examples(side)]
     if not found:
         raise InvalidInput(
             f"There is no view on the side {side} of {', '.join(map(str, folders))}.", "Make more labels."

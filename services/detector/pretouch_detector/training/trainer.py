@@ -26,7 +26,7 @@ from pretouch_detector.training.augment import augment
 from pretouch_detector.training.batch import batch_of
 from pretouch_detector.training.processes import ALONE, Processes
 from pretouch_detector.training.schedule import Schedule
-from pretouch_detector.training.scorer_loss import scorer_loss
+from pretouch_detector.training.scorer_loss import compute_loss
 from pretouch_detector.training.targets import Targets
 
 
@@ -72,7 +72,9 @@ class Trainer:
         rng = np.random.default_rng(0)
         size = self.schedule.batch
         terms = [
-            scorer_loss(self.averaged.module, batch_of(views[k : k + size], self.schedule.rectangles, rng, self.device))
+            compute_loss(
+                self.averaged.module, batch_of(views[k : k + size], self.schedule.rectangles, rng, self.device)
+            )
             for k in range(0, len(views), size)
         ]
         return {name: float(np.mean([float(each[name]) for each in terms])) for name in terms[0]}
@@ -90,7 +92,7 @@ class Trainer:
             first = (step * self.among.world + self.among.rank) * size
             chosen = [augment(views[k], rng) for k in order[first : first + size]]
             self._set_rate((epoch * steps + step) / (self.schedule.epochs * steps))
-            terms = scorer_loss(self.model, batch_of(chosen, self.schedule.rectangles, rng, self.device))
+            terms = compute_loss(self.model, batch_of(chosen, self.schedule.rectangles, rng, self.device))
             self.optimiser.zero_grad(set_to_none=True)
             torch.stack(list(terms.values())).sum().backward()
             self.among.share_gradients(self.model)

@@ -74,7 +74,7 @@ def draw_offsets(count: int, rng: np.random.Generator) -> Array:
 
 def view_of(scene: Scene, matching: Matching) -> View:
     """The scene's cloud in the camera's frame, with normals where the matching needs them."""
-    cloud = scene.camera.organised(scene.depth.metres)
+    cloud = scene.camera.back_project_image(scene.depth.metres)
     if matching is not Matching.POINT_TO_PLANE:
         return View(cloud, scene.mask, scene.camera)
     normals = camera_model.build(scene).pixels.surface.normals.astype(np.float64)

@@ -64,7 +64,7 @@ def build_height_map(scene: Scene, reach: float) -> HeightMap:
     table_T_camera = base_T_table.inverse() @ scene.base_T_camera
     depth = scene.depth.metres
     seen = (depth > 0) & (scene.mask | remove_flying_pixels(depth, depth > 0))
-    points = table_T_camera.apply(scene.camera.organised(np.where(seen, depth, 1.0)))
+    points = table_T_camera.apply(scene.camera.back_project_image(np.where(seen, depth, 1.0)))
     body = points[scene.mask]
     low, high = body[:, :2].min(axis=0) - reach, body[:, :2].max(axis=0) + reach
     cell = max(_CELL, float((high - low).max()) / (_MAX_CELLS - 1))

@@ -53,7 +53,7 @@ def find_object(
     area = _roi_to_mask(depth, roi)
     if mask is not None:
         mask = _validate_mask(mask, area, seen)
-    points = camera.organised(depth.metres)
+    points = camera.back_project_image(depth.metres)
     if table is not None:
         plane = table.moved(base_T_camera.inverse())
     else:

@@ -140,7 +140,7 @@ def build(scene: Scene) -> CameraModel:
     solid = (kind == OBJECT) | (kind == OTHER)
     intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     depth, normals = fit_planes(metres, solid, intrinsics, steps, stride, _FIT_BAND)
-    points = scene.base_T_camera.apply(camera.organised(depth))
+    points = scene.base_T_camera.apply(camera.back_project_image(depth))
     normals = scene.base_T_camera.rotate(normals)
     offsets = np.einsum("ijk,ijk->ij", normals, points)
     distance, nearest = _find_nearest(mask)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch_registrar.files.polygons import fans
-from pretouch_registrar.files.shape import Shape, checked_shape
-from pretouch_registrar.files.text_rows import TextRows, flattened, with_line_feeds
+from pretouch_registrar.files.shape import Shape, make_shape
+from pretouch_registrar.files.text_rows import TextRows, flatten, normalise_line_ends
 
 
 def read_obj(name: str, data: bytes) -> Shape:
-    """Vertices and faces of an OBJ file; polygons are cut into fans, all else is passed over. No face: a cloud.
+    """Vertices and faces of an OBJ file; polygons are cut into fans, all else is skipped. No face: a cloud.
 
     Raises:
         Malformed: a vertex or face that cannot be read.
     """
-    rows = TextRows(name, with_line_feeds(data).replace(b"\\\r\n", b"  ").replace(b"\\\n", b"  "))
+    rows = TextRows(name, normalise_line_ends(data).replace(b"\\\r\n", b"  ").replace(b"\\\n", b"  "))
     vertices: list[tuple[float, float, float]] = []
     polygons: list[list[int]] = []
     for line in rows:
@@ -24,8 +24,8 @@ def read_obj(name: str, data: bytes) -> Shape:
             vertices.append(_vertex(rows, words[1:4]))
         elif words[0] == "f":
             polygons.append(_face(rows, words[1:], len(vertices)))
-    faces = fans(*flattened(polygons)) if polygons else None
-    return checked_shape(name, np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
+    faces = fans(*flatten(polygons)) if polygons else None
+    return make_shape(name, np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
 
 
 def _vertex(rows: TextRows, words: list[str]) -> tuple[float, float, float]:

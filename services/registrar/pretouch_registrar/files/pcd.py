@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.errors import Malformed
-from pretouch_registrar.files.shape import Shape, checked_count, checked_shape, cut_short
+from pretouch_registrar.files.shape import Shape, check_count, cut_short, make_shape
 from pretouch_registrar.files.text_rows import TextRows
 
 _LONGEST_HEADER = 64 * 1024
@@ -32,7 +32,7 @@ def read_pcd(name: str, data: bytes) -> Shape:
     if missing:
         raise Malformed(f"The points of {name} have no {', '.join(missing)}.", "Export points with coordinates.")
     columns = [fields.index(axis) for axis in "xyz"]
-    count = checked_count(name, _count(name, header))
+    count = check_count(name, _count(name, header))
     kind = " ".join(header["DATA"])
     dtype = np.dtype([(f"{k}", one, (n,)) for k, (one, n) in enumerate(zip(dtypes, counts, strict=True))])
     remarks: tuple[str, ...] = ()
@@ -40,9 +40,9 @@ def read_pcd(name: str, data: bytes) -> Shape:
         starts = np.cumsum([0, *counts])
         rows = TextRows(name, data, body)
         points = rows.columns(count, [int(starts[k]) for k in columns], "points")
-        remarks = (f"trailing lines ignored: {left}.",) if (left := rows.left()) else ()
+        remarks = (f"trailing lines ignored: {left}.",) if (left := rows.count_remaining()) else ()
     elif kind == "binary_compressed":
-        points = _columns_apart(_decompressed(name, data, body, dtype.itemsize * count), dtype, count, columns)
+        points = _columns_apart(_decompress(name, data, body, dtype.itemsize * count), dtype, count, columns)
     elif kind == "binary":
         there = (len(data) - body) // dtype.itemsize
         if there < count:
@@ -52,7 +52,7 @@ def read_pcd(name: str, data: bytes) -> Shape:
         remarks = (f"trailing bytes ignored: {left}.",) if left else ()
     else:
         raise Malformed(f"{name} holds DATA {kind!r}.", "Write it as ascii, binary or binary_compressed.")
-    return checked_shape(name, points, None, _viewpoint(header), remarks)
+    return make_shape(name, points, None, _viewpoint(header), remarks)
 
 
 def _layout(name: str, header: dict[str, list[str]]) -> tuple[list[str], list[str], list[int]]:
@@ -131,7 +131,7 @@ def _columns_apart(raw: bytes, dtype: np.dtype[np.void], count: int, columns: li
     )
 
 
-def _decompressed(name: str, data: bytes, at: int, wanted: int) -> bytes:
+def _decompress(name: str, data: bytes, at: int, wanted: int) -> bytes:
     packed, size = (int(n) for n in np.frombuffer(data.ljust(at + 8, b"\0"), "<u4", 2, at))
     if len(data) < at + 8 + packed:
         raise Malformed(f"{name} ends at byte {len(data)} of {at + 8 + packed}.", "Write the file again.")

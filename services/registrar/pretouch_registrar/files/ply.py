@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pretouch.errors import Malformed
 from pretouch_registrar.files.polygons import fans
-from pretouch_registrar.files.shape import Shape, checked_count, checked_shape, cut_short
-from pretouch_registrar.files.text_rows import TextRows, with_line_feeds
+from pretouch_registrar.files.shape import Shape, check_count, cut_short, make_shape
+from pretouch_registrar.files.text_rows import TextRows, normalise_line_ends
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -57,7 +57,7 @@ def read_ply(name: str, data: bytes) -> Shape:
     """
     order, elements, body = _header(name, data)
     if not order:
-        data = with_line_feeds(data)
+        data = normalise_line_ends(data)
     reader = _BinaryReader(name, data, body, order) if order else _TextReader(name, data, body)
     points: NDArray[np.float64] | None = None
     faces: NDArray[np.int64] | None = None
@@ -76,7 +76,7 @@ def read_ply(name: str, data: bytes) -> Shape:
         raise Malformed(f"{name} has no vertices.", "Export points with coordinates.")
     if faces is None and any(element.name == "tristrips" for element in elements):
         raise Malformed(f"{name} holds triangle strips (tristrips) instead of faces.", "Export it as triangles.")
-    return checked_shape(name, points, faces, remarks=reader.remarks())
+    return make_shape(name, points, faces, remarks=reader.remarks())
 
 
 def _header(name: str, data: bytes) -> tuple[str, list[_Element], int]:
@@ -99,7 +99,7 @@ def _header(name: str, data: bytes) -> tuple[str, list[_Element], int]:
                 case ["format", kind, _]:
                     order = _ORDERS[kind]
                 case ["element", element, count]:
-                    elements.append(_Element(element, checked_count(name, int(count))))
+                    elements.append(_Element(element, check_count(name, int(count))))
                 case ["property", "list", length, kind, prop]:
                     elements[-1].properties.append((prop, _TYPES[length], _TYPES[kind]))
                 case ["property", kind, prop]:
@@ -147,7 +147,7 @@ class _TextReader:
         )
 
     def remarks(self) -> tuple[str, ...]:
-        left = self._rows.left()
+        left = self._rows.count_remaining()
         return (f"trailing lines ignored: {left}.",) if left else ()
 
     def _count(self, word: str) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.errors import Malformed, TooLarge
-from pretouch_registrar.files.shape import Shape, checked_shape
+from pretouch_registrar.files.shape import Shape, make_shape
 
 _MOST_UNPACKED = 1024**3
 
@@ -68,7 +68,7 @@ def _read(name: str, data: bytes, kind: str) -> Shape:
         points.append(np.asarray(part.vertices, dtype=np.float64))
     if not points:
         raise Malformed(f"{name} holds no triangles.", "Export it as a triangle mesh.")
-    return checked_shape(name, np.concatenate(points), np.concatenate(faces))
+    return make_shape(name, np.concatenate(points), np.concatenate(faces))
 
 
 def _clouds(parts: list[Any]) -> list[Any]:

@@ -31,7 +31,7 @@ class Shape:
     remarks: tuple[str, ...] = ()
 
 
-def checked_shape(
+def make_shape(
     name: str,
     points: NDArray[Any],
     faces: NDArray[np.int64] | None = None,
@@ -92,7 +92,7 @@ def check_size(name: str, points: Array, limit: float) -> None:
         )
 
 
-def checked_count(name: str, count: int) -> int:
+def check_count(name: str, count: int) -> int:
     """`count` of points or faces if a file may announce as many.
 
     Raises:

@@ -8,8 +8,8 @@ from typing import NoReturn
 import numpy as np
 
 from pretouch.errors import Malformed
-from pretouch_registrar.files.shape import Shape, checked_count, checked_shape, cut_short
-from pretouch_registrar.files.text_rows import TextRows, with_line_feeds
+from pretouch_registrar.files.shape import Shape, check_count, cut_short, make_shape
+from pretouch_registrar.files.text_rows import TextRows, normalise_line_ends
 
 _RECORD = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 _HEADER = 84
@@ -23,7 +23,7 @@ def read_stl(name: str, data: bytes) -> Shape:
     Raises:
         Malformed: neither, or cut short.
     """
-    return _read_text(name, with_line_feeds(data)) if _TEXT.match(data[:2000]) else _read_binary(name, data)
+    return _read_text(name, normalise_line_ends(data)) if _TEXT.match(data[:2000]) else _read_binary(name, data)
 
 
 def _read_binary(name: str, data: bytes) -> Shape:
@@ -33,12 +33,12 @@ def _read_binary(name: str, data: bytes) -> Shape:
     there, left = divmod(len(data) - _HEADER, _RECORD.itemsize)
     if there < count:
         raise cut_short(name, there, count, "triangles")
-    left += (there - checked_count(name, count)) * _RECORD.itemsize
+    left += (there - check_count(name, count)) * _RECORD.itemsize
     if not count:
         raise Malformed(f"{name} announces no triangle; {left} bytes follow.", "Write the file again.")
     corners = np.frombuffer(data, _RECORD, count, _HEADER)["corners"].reshape(-1, 3)
     remarks = (f"trailing bytes ignored: {left}.",) if left else ()
-    return checked_shape(name, corners, np.arange(len(corners)).reshape(-1, 3), remarks=remarks)
+    return make_shape(name, corners, np.arange(len(corners)).reshape(-1, 3), remarks=remarks)
 
 
 def _read_text(name: str, data: bytes) -> Shape:
@@ -54,7 +54,7 @@ def _read_text(name: str, data: bytes) -> Shape:
         _refuse_text(name, data)
     ended = re.search(rb"\bendsolid\b", data[-1000:], re.IGNORECASE)
     remarks = () if ended else ("it does not end with endsolid: it may be cut short.",)
-    return checked_shape(name, corners, np.arange(len(corners)).reshape(-1, 3), remarks=remarks)
+    return make_shape(name, corners, np.arange(len(corners)).reshape(-1, 3), remarks=remarks)
 
 
 def _refuse_text(name: str, data: bytes) -> NoReturn:

@@ -22,13 +22,13 @@ _WHOLE = re.compile(r"[-+]?\d{1,18}")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:e[-+]?\d+)?", re.IGNORECASE)
 
 
-def with_line_feeds(data: bytes) -> bytes:
-    """`data`, its lines ended by line feeds even if it knows carriage returns alone."""
+def normalise_line_ends(data: bytes) -> bytes:
+    """`data`, with line feeds as line ends, also where it has carriage returns alone."""
     return data if b"\n" in data else data.replace(b"\r", b"\n")
 
 
 class TextRows:
-    """Lines of numbers from byte `at` of the file `name` on; empty lines are passed over."""
+    """Lines of numbers from byte `at` of the file `name` on; empty lines are skipped."""
 
     def __init__(self, name: str, data: bytes, at: int = 0) -> None:
         self.name = name
@@ -66,10 +66,10 @@ class TextRows:
         if count == 0:
             return np.zeros((0, len(columns)))
         start, line = self._stream.tell(), self.line
-        most = min(count, self._size - start)  # what is announced is not believed before it is there
+        most = min(count, self._size - start)  # the header may announce more than the file holds
         values = self._numbers(most, columns)
         if values is None:
-            rest = self._from(start, line)
+            rest = self._read_from(start, line)
             self._stream = io.BytesIO(_NAN_BYTES.sub(b"nan", rest))
             values = self._numbers(most, columns)
             if values is None:
@@ -79,7 +79,7 @@ class TextRows:
             raise cut_short(self.name, len(values), count, what)
         return values
 
-    def left(self) -> int:
+    def count_remaining(self) -> int:
         """How many lines that are not empty come after those that were read."""
         return sum(1 for _ in self)
 
@@ -106,7 +106,7 @@ class TextRows:
         return [int(word) for word in words]
 
     def polygon(self, words: list[str]) -> list[int]:
-        """The corners in `words`, which are behind their number; what follows them is passed over.
+        """The corners in `words`, which are behind their number; what follows them is skipped.
 
         Raises:
             Malformed: fewer corners than it says, or one that is no whole number.
@@ -137,13 +137,13 @@ class TextRows:
         """At most `most` rows; None if there is one that cannot be read."""
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that there are no lines left is said by the caller
+                warnings.simplefilter("ignore")  # the caller reports that no lines are left
                 values = np.loadtxt(iter(self), usecols=columns, max_rows=most, ndmin=2, comments=None)
         except ValueError:
             return None
         return np.asarray(values, dtype=np.float64).reshape(-1, len(columns))
 
-    def _from(self, start: int, line: int) -> bytes:
+    def _read_from(self, start: int, line: int) -> bytes:
         self.line = line
         self._stream.seek(start)
         return self._stream.read()
@@ -158,7 +158,7 @@ class TextRows:
         raise Malformed(f"{self.name} cannot be read.", "Write the file again.")
 
 
-def flattened(polygons: list[list[int]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def flatten(polygons: list[list[int]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """How many corners each polygon has, and all of them one after the other."""
     counts = np.array([len(one) for one in polygons], dtype=np.int64)
     return counts, np.array([corner for one in polygons for corner in one], dtype=np.int64)

@@ -48,7 +48,7 @@ def save(path: Path, calibration: Calibration, record: CalibrationRecord | None 
         "version": VERSION,
         "serial": calibration.serial,
         "warm_up_s": calibration.warm_up,
-        "modules": [_named(asdict(module)) for module in calibration.modules],
+        "modules": [_rename_members(asdict(module)) for module in calibration.modules],
     }
     if record is not None:
         document["made"] = {
@@ -156,7 +156,7 @@ def _point(value: object, path: str) -> Point:
 def _fit_to_json(fit: ModuleFit) -> dict[str, Any]:
     return {
         "problem": fit.problem,
-        "standard_errors": _named(asdict(fit.errors)),
+        "standard_errors": _rename_members(asdict(fit.errors)),
         "step_m": fit.step,
         "distances": [
             {
@@ -172,7 +172,7 @@ def _fit_to_json(fit: ModuleFit) -> dict[str, Any]:
     }
 
 
-def _named(values: dict[str, float]) -> dict[str, float]:
+def _rename_members(values: dict[str, float]) -> dict[str, float]:
     return {_MODULE[name]: value for name, value in values.items()}
 
 

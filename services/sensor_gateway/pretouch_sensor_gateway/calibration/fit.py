@@ -56,14 +56,14 @@ def _curve(points: Sequence[Point], step: float) -> tuple[dict[str, float], dict
     r = np.array([point.distance for point in points])
     means = np.array([point.mean for point in points])
     errors = np.array([_error_of_mean(point, step) for point in points])
-    found = _solved(r, means, errors, min(len(points), 3))
+    found = _solve(r, means, errors, min(len(points), 3))
     if len(points) >= 3 and found[0][2] <= SIGNIFICANT * found[1][2]:
-        found = _solved(r, means, errors, 2)
-    return _named([*found[0], *_START[len(found[0]) :]]), _named([*found[1], 0.0, 0.0])
+        found = _solve(r, means, errors, 2)
+    return _name_parameters([*found[0], *_START[len(found[0]) :]]), _name_parameters([*found[1], 0.0, 0.0])
 
 
-def _named(numbers: Sequence[float]) -> dict[str, float]:
-    """With the digits that a person can make use of."""
+def _name_parameters(numbers: Sequence[float]) -> dict[str, float]:
+    """The parameters by name, rounded to significant digits."""
     digits = {"offset": 7, "scale": 6, "crosstalk": 4}
     return {name: round(float(number), places) for (name, places), number in zip(digits.items(), numbers, strict=False)}
 
@@ -80,7 +80,7 @@ def _error_of_mean(point: Point, step: float) -> float:
     return float(np.sqrt(max(point.std, LEAST_STD) ** 2 / point.samples + rounding**2 + PLACEMENT_STD**2))
 
 
-def _solved(r: Array, means: Array, errors: Array, free: int) -> tuple[Array, Array]:
+def _solve(r: Array, means: Array, errors: Array, free: int) -> tuple[Array, Array]:
     """The first `free` parameters of offset, scale and crosstalk by weighted least squares, and standard errors."""
 
     def whole(parameters: Array) -> Array:
@@ -112,5 +112,5 @@ def _solved(r: Array, means: Array, errors: Array, free: int) -> tuple[Array, Ar
 
 def _add_residuals(point: Point, model: ModuleCalibration) -> Point:
     r = np.array(point.distance)
-    residual = float((point.mean - model.reading(r)) * model.gain(r))
+    residual = float((point.mean - model.predict_reading(r)) * model.gain(r))
     return Point(point.distance, point.mean, point.std, point.samples, point.outliers, round(residual, 7))

@@ -52,7 +52,7 @@ def _finite(value: object, name: str) -> float:
 
 
 def _distance(raw: Array, offset: Array | float, per_scale: Array | float, four_crosstalk: Array | float) -> Array:
-    """The inverse of the module's docstring; what does not change between calls comes in ready to use."""
+    """The inverse of the module docstring's model; quantities that are constant between calls are precomputed."""
     y = np.asarray(np.maximum((raw - offset) * per_scale, 0.0))
     square = np.asarray(1.0 - four_crosstalk * y * y)
     root = np.full_like(square, np.nan)
@@ -94,7 +94,7 @@ class ModuleCalibration:
         """m: the farthest distance that can be measured; infinite without crosstalk."""
         return 1 / math.sqrt(self.crosstalk) if self.crosstalk else math.inf
 
-    def reading(self, distance: Array) -> Array:
+    def predict_reading(self, distance: Array) -> Array:
         """What the module reads at these distances, m, without noise and steps; any shape."""
         return np.asarray(self.offset + self.scale * distance / (1 + self.crosstalk * distance * distance))
 

@@ -75,7 +75,7 @@ def _draw_before(panel: Any, fit: ModuleFit) -> None:
     r, means, stds = _columns(fit)
     panel.errorbar(1000 * r, 1000 * (means - r), 1000 * stds, fmt="o", ms=3.5, lw=1, capsize=2, color=_BEFORE)
     dense = np.linspace(0, 1.05 * r.max(), 200)
-    panel.plot(1000 * dense, 1000 * (fit.calibration.reading(dense) - dense), lw=1.2, color=_AFTER)
+    panel.plot(1000 * dense, 1000 * (fit.calibration.predict_reading(dense) - dense), lw=1.2, color=_AFTER)
     panel.axhline(0, lw=0.8, color="black")
     low, high = panel.get_ylim()
     off = np.array([(point.distance, value - point.distance) for point in fit.points for value in point.outliers])

@@ -61,10 +61,10 @@ def remarks(fits: Sequence[ModuleFit]) -> list[str]:
         f"Module {k}: with this crosstalk nothing beyond {1000 * fits[k].calibration.reach:.0f} mm can be measured."
         for k in glass
     ]
-    return found + (_misplaced(fits) or _unexplained(fits))
+    return found + (_warn_of_misplaced(fits) or _warn_of_unexplained(fits))
 
 
-def _unexplained(fits: Sequence[ModuleFit]) -> list[str]:
+def _warn_of_unexplained(fits: Sequence[ModuleFit]) -> list[str]:
     found = []
     for k, fit in enumerate(fits):
         off = _rms([point.residual for point in fit.points])
@@ -74,7 +74,7 @@ def _unexplained(fits: Sequence[ModuleFit]) -> list[str]:
     return found
 
 
-def _misplaced(fits: Sequence[ModuleFit]) -> list[str]:
+def _warn_of_misplaced(fits: Sequence[ModuleFit]) -> list[str]:
     distances = sorted({point.distance for fit in fits for point in fit.points})
     shared = {
         distance: float(np.median([p.residual for fit in fits for p in fit.points if p.distance == distance]))

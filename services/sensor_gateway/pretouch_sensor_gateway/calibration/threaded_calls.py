@@ -54,7 +54,7 @@ def stream_in_thread(call: Callable[[], Any]) -> Iterator[Iterator[Any]]:
         except grpc.RpcError as error:
             arrived.put((False, error))
 
-    def received() -> Iterator[Any]:
+    def receive() -> Iterator[Any]:
         while True:
             good, what = arrived.get()
             if not good:
@@ -66,7 +66,7 @@ def stream_in_thread(call: Callable[[], Any]) -> Iterator[Iterator[Any]]:
     reader = threading.Thread(target=run, daemon=True)
     reader.start()
     try:
-        yield received()
+        yield receive()
     finally:
         opened.get().cancel()
         reader.join()

@@ -28,14 +28,14 @@ class TickUnwrapper:
         """Whether `micros`, in a message read at host time `arrival`, s, can be the next time of the same session."""
         if self._last is None:
             return True
-        predicted = self._predicted(self._last, arrival)
+        predicted = self._predict(self._last, arrival)
         return abs(signed_difference(micros, predicted, self._modulus)) <= MAX_JUMP * 1e6
 
     def unwrap(self, micros: int, arrival: float) -> float:
         """Device time, s, of a message's `micros`, which becomes the last one; `arrival` is its host time, s."""
         ticks = micros
         if self._last is not None:
-            predicted = self._predicted(self._last, arrival)
+            predicted = self._predict(self._last, arrival)
             ticks = predicted + signed_difference(micros, predicted, self._modulus)
         self._last = (ticks, arrival)
         return ticks * 1e-6
@@ -45,6 +45,6 @@ class TickUnwrapper:
         self._last = None
 
     @staticmethod
-    def _predicted(last: tuple[int, float], arrival: float) -> int:
+    def _predict(last: tuple[int, float], arrival: float) -> int:
         ticks, at = last
         return ticks + round((arrival - at) * 1e6)

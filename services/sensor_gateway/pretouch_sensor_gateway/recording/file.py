@@ -78,7 +78,7 @@ class RecordingFile:
             with suppress(OSError):
                 os.ftruncate(self._descriptor, self.size)
             raise
-        self._buffer.committed(len(data))
+        self._buffer.drop_committed(len(data))
 
     def finish(self) -> None:
         """Adds summary and footer, and closes the file.
@@ -120,7 +120,7 @@ class _Buffer(io.BytesIO):
     def tell(self) -> int:
         return self.start + super().tell()
 
-    def committed(self, count: int) -> None:
+    def drop_committed(self, count: int) -> None:
         self.start += count
         self.seek(0)
         self.truncate()

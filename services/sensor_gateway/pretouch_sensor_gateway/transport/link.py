@@ -50,15 +50,15 @@ class LinkState(Enum):
 class Listener(Protocol):
     """Gets a link's events on the event loop; `at` is `time.monotonic()`. An exception that it raises ends the link."""
 
-    def opened(self, at: float) -> None:
+    def on_opened(self, at: float) -> None:
         """The port is open."""
         ...
 
-    def received(self, data: bytes, at: float) -> None:
+    def on_received(self, data: bytes, at: float) -> None:
         """Bytes, at least one, were read at this time."""
         ...
 
-    def closed(self, at: float) -> None:
+    def on_closed(self, at: float) -> None:
         """The open port was lost: a half-received message is void, and nothing more comes before it is reopened."""
         ...
 
@@ -130,7 +130,7 @@ class Link:
             return
         try:
             self._report(await self._read_until_lost(port.fileno()))
-            self._listener.closed(time.monotonic())
+            self._listener.on_closed(time.monotonic())
         finally:
             closing = self._threads.start(partial(close_port, port))
         await self._wait_for(closing, "Closing")
@@ -166,7 +166,7 @@ class Link:
         self.state, self.problem = LinkState.OPEN, ""
         self.connections += 1
         try:
-            self._listener.opened(self._opened_at)
+            self._listener.on_opened(self._opened_at)
             loop.add_reader(fd, self._readable, fd, lost)
             return await lost
         finally:
@@ -188,17 +188,17 @@ class Link:
             lost.set_result(describe_loss(self._target, None))
             return
         try:
-            self._received(data, at)
+            self._on_received(data, at)
         except Exception as defect:
             lost.set_exception(defect)
 
-    def _received(self, data: bytes, at: float) -> None:
+    def _on_received(self, data: bytes, at: float) -> None:
         self._data_received = True
         if self._outage_since is not None and at - self._opened_at >= STEADY_AFTER:
             outage_s = round(self._opened_at - self._outage_since, 1)
             self._log.info("the port works again", port=self.address, outage_s=outage_s)
             self._outage_since = None
-        self._listener.received(data, at)
+        self._listener.on_received(data, at)
 
     def _report(self, problem: str) -> None:
         self.problem = problem

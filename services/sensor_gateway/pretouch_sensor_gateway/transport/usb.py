@@ -26,8 +26,12 @@ def find_usb_port(address: UsbAddress) -> str:
         return str(matching[0].device)
     if matching:
         name = "path of the right one in /dev/serial/by-path" if address.serial else "serial number too"
-        raise PortProblem(f"{len(matching)} serial ports are USB {address}: {_listed(matching)}. Give the {name}.")
-    raise PortProblem(f"No serial port is USB {address}. There {f'are: {_listed(ports)}' if ports else 'is none'}.")
+        raise PortProblem(
+            f"{len(matching)} serial ports are USB {address}: {_describe_ports(matching)}. Give the {name}."
+        )
+    raise PortProblem(
+        f"No serial port is USB {address}. There {f'are: {_describe_ports(ports)}' if ports else 'is none'}."
+    )
 
 
 def _matches(port: ListPortInfo, address: UsbAddress) -> bool:
@@ -35,5 +39,5 @@ def _matches(port: ListPortInfo, address: UsbAddress) -> bool:
     return same_kind and address.serial in ("", port.serial_number)
 
 
-def _listed(ports: Sequence[ListPortInfo]) -> str:
+def _describe_ports(ports: Sequence[ListPortInfo]) -> str:
     return ", ".join(f"{port.device} ({port.usb_info()}, {port.description})" for port in ports)

@@ -20,7 +20,7 @@ _LEAST_HEIGHT = 0.01
 """Metres of a sparkline's full height at the least, so that noise does not look like motion."""
 
 
-def bar(metres: float, width: int, style: str) -> Text:
+def draw_bar(metres: float, width: int, style: str) -> Text:
     """A bar of 0 to `FULL` on its track; none for NaN, and an arrow at the end for what lies beyond."""
     if math.isnan(metres):
         return Text(_TRACK * width, "dim")
@@ -31,7 +31,7 @@ def bar(metres: float, width: int, style: str) -> Text:
     return Text.assemble((filled, style), (_TRACK * (width - len(filled)), "dim"))
 
 
-def sparkline(summary: Summary, module: int) -> Text:
+def draw_sparkline(summary: Summary, module: int) -> Text:
     """One character per column; its height is the mean range, between the least and the greatest shown.
 
     A dot is a column of misses only, a blank is one without any measurement; a column with some misses is coloured.

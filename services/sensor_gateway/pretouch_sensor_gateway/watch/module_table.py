@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from rich.text import Text
 
 from pretouch_sensor_gateway.range_batch import Flag
-from pretouch_sensor_gateway.watch.gauges import FULL, bar, sparkline
+from pretouch_sensor_gateway.watch.gauges import FULL, draw_bar, draw_sparkline
 from pretouch_sensor_gateway.watch.state import WatchedDevice
-from pretouch_sensor_gateway.watch.status_codes import meaning
+from pretouch_sensor_gateway.watch.status_codes import explain_code
 from pretouch_sensor_gateway.watch.trace import SPAN
 
 RECENT = 10.0
@@ -46,13 +46,13 @@ class ModuleTable:
 
     def lines(self, width: int) -> Iterator[Text]:
         """The titles, then a line for each module; none if no module is known."""
-        columns = self._columns(width)
+        columns = self._choose_columns(width)
         if self._readings:
-            yield _line([Text(column.title, "dim") for column in columns], columns)
+            yield _join_cells([Text(column.title, "dim") for column in columns], columns)
         for k in range(len(self._readings)):
-            yield _line([column.cell(k) for column in columns], columns)
+            yield _join_cells([column.cell(k) for column in columns], columns)
 
-    def _columns(self, width: int) -> list[_Column]:
+    def _choose_columns(self, width: int) -> list[_Column]:
         before = [
             _Column("#", 2, lambda k: Text(str(k)), number=True),
             _Column("mm", 6, self._range, number=True),
@@ -64,9 +64,9 @@ class ModuleTable:
             after.append(_Column("of all", 6, self._share, number=True))
         after.append(_Column("jumps", 6, self._jumps, number=True))
         room = width - sum(column.width + 1 for column in before + after)
-        return before + self._gauges(room) + after
+        return before + self._make_gauges(room) + after
 
-    def _gauges(self, room: int) -> list[_Column]:
+    def _make_gauges(self, room: int) -> list[_Column]:
         """Bar and sparkline, or the bar alone, or neither."""
         if room < _LEAST_BAR + 1:
             return []
@@ -74,16 +74,16 @@ class ModuleTable:
         width = min(max(_LEAST_BAR, 2 * (room - 2) // 5) if with_sparkline else room - 1, _LARGEST_BAR)
         full = f"{1000 * FULL:.0f} mm"
         style = "green" if self._live else "dim"
-        gauges = [_Column(f"0{full:>{width - 1}}", width, lambda k: bar(self._readings[k].range, width, style))]
+        gauges = [_Column(f"0{full:>{width - 1}}", width, lambda k: draw_bar(self._readings[k].range, width, style))]
         if with_sparkline:
-            gauges.append(self._sparkline(min(room - width - 2, _LARGEST_SPARKLINE)))
+            gauges.append(self._make_sparkline(min(room - width - 2, _LARGEST_SPARKLINE)))
         return gauges
 
-    def _sparkline(self, width: int) -> _Column:
-        joined = _joined(self._device.status.rate)
+    def _make_sparkline(self, width: int) -> _Column:
+        joined = _count_joined_spans(self._device.status.rate)
         summary = self._trace.latest(self._now, width, joined)
         title = f"last {width * joined * SPAN:.0f} s"
-        return _Column(title, width, lambda k: sparkline(summary, k) if k < self._trace.modules else Text())
+        return _Column(title, width, lambda k: draw_sparkline(summary, k) if k < self._trace.modules else Text())
 
     def _range(self, k: int) -> Text:
         metres = self._readings[k].range
@@ -93,20 +93,20 @@ class ModuleTable:
 
     def _status(self, k: int) -> Text:
         reading = self._readings[k]
-        words = meaning(reading.code, self._device.status.format)
+        words = explain_code(reading.code, self._device.status.format)
         doubts = ", jump" * bool(reading.flags & Flag.JUMP) + ", warming up" * bool(reading.flags & Flag.WARMING_UP)
         good = reading.code == 0
         style = "green" if good and not doubts else "yellow"
         return Text(f"{words}{doubts}" if good else f"{reading.code} {words}{doubts}", style if self._live else "dim")
 
     def _recent_share(self, k: int) -> Text:
-        return _percent(int(self._returns[k]) if k < len(self._returns) else 0, self._measurements)
+        return _format_percent(int(self._returns[k]) if k < len(self._returns) else 0, self._measurements)
 
     def _share(self, k: int) -> Text:
         """Since the gateway started."""
         if k >= len(self._modules):
-            return _percent(0, 0)
-        return _percent(self._modules[k].returns, self._modules[k].measurements)
+            return _format_percent(0, 0)
+        return _format_percent(self._modules[k].returns, self._modules[k].measurements)
 
     def _rate(self, k: int) -> Text:
         """Returns a second."""
@@ -119,7 +119,7 @@ class ModuleTable:
         return Text(f"{jumps:,}", "" if jumps else "dim")
 
 
-def _line(cells: list[Text], columns: list[_Column]) -> Text:
+def _join_cells(cells: list[Text], columns: list[_Column]) -> Text:
     line = Text(no_wrap=True, overflow="crop")
     for cell, column in zip(cells, columns, strict=True):
         cell.truncate(column.width)
@@ -128,10 +128,10 @@ def _line(cells: list[Text], columns: list[_Column]) -> Text:
     return line
 
 
-def _joined(rate: float) -> int:
+def _count_joined_spans(rate: float) -> int:
     """Spans of the trace for one character, so that a slow device has a measurement or two in each."""
     return 1 if rate <= 0 else min(max(1, math.ceil(2 / (rate * SPAN))), 8)
 
 
-def _percent(part: int, whole: int) -> Text:
+def _format_percent(part: int, whole: int) -> Text:
     return Text(f"{100 * part / whole:.0f} %" if whole else "-", "" if whole else "dim")

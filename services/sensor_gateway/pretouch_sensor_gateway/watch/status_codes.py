@@ -20,6 +20,6 @@ _VL53L1X = {0: "ok", 1: "noise", 2: "weak signal", 4: "out of bounds", 7: "wrapp
 _OF_FORMAT = {"stm32duino": _VL53L1X}
 
 
-def meaning(code: int, wire_format: str) -> str:
+def explain_code(code: int, wire_format: str) -> str:
     """The words for a status code of a device that speaks `wire_format`."""
     return _OF_FORMAT.get(wire_format, _VL6180X).get(code, "unknown code")

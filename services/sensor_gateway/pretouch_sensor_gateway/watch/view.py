@@ -13,7 +13,7 @@ from rich.text import Text
 from pretouch_sensor_gateway.watch.events import Event, Severity
 from pretouch_sensor_gateway.watch.module_table import ModuleTable
 from pretouch_sensor_gateway.watch.state import Watch, WatchedDevice
-from pretouch_sensor_gateway.watch.status_facts import STATE_STYLES, identity_facts, running_facts
+from pretouch_sensor_gateway.watch.status_facts import STATE_STYLES, describe_device, describe_operation
 
 _SEVERITY_STYLES = {Severity.GOOD: "green", Severity.NOTE: "", Severity.BAD: "yellow"}
 _EVENTS = 8
@@ -50,26 +50,26 @@ class View:
         device = self.watch.selected
         above, modules, below = list(self._head(layout)), list[Text](), list[Text]()
         if device is not None:
-            above += [*layout.facts(identity_facts(device, self.now)), layout.rule()]
+            above += [*layout.facts(describe_device(device, self.now)), layout.rule()]
             modules = list(ModuleTable(device, self.now, self.watch.live(device)).lines(layout.width))
-            below = [*[layout.rule()] * bool(modules), *layout.facts(running_facts(device)), layout.rule()]
+            below = [*[layout.rule()] * bool(modules), *layout.facts(describe_operation(device)), layout.rule()]
         events = [line for event in self.watch.events.last(_EVENTS) for line in self._event(event, layout)]
         room = height - len(above)
         for_modules = max(room - len(below) - min(len(events), _LEAST_EVENTS), min(room, _LEAST_MODULES))
-        modules = _fitted(modules, for_modules)
+        modules = _fit_lines(modules, for_modules)
         for_events = max(0, room - len(modules) - len(below))
         return [*above, *modules, *below, *events[max(0, len(events) - for_events) :]]
 
     def _head(self, layout: _Layout) -> Iterator[Text]:
         yield self._title(layout.width)
         if not self.watch.connected:
-            yield from layout.wrapped(self._outage())
+            yield from layout.wrap(self._outage())
         elif not self.watch.devices:
             yield Text(" The gateway has no device.", "yellow")
 
     def _title(self, width: int) -> Text:
         """All devices if there is room for them, else the selected one."""
-        where = Text(f"gateway {self.watch.address}  {_clock(self.wall)} ", "dim")
+        where = Text(f"gateway {self.watch.address}  {_format_clock(self.wall)} ", "dim")
         room = width - where.cell_len
         names = self._names(self.watch.devices)
         if names.cell_len > room and self.watch.selected is not None:
@@ -94,7 +94,7 @@ class View:
         return Text.assemble((self.watch.problem, "bold red"), again)
 
     def _event(self, event: Event, layout: _Layout) -> Iterator[Text]:
-        times = [_clock(self.wall - (self.now - at)) for at in (event.at, event.first)]
+        times = [_format_clock(self.wall - (self.now - at)) for at in (event.at, event.first)]
         device = f"{event.device}: " if event.device and len(self.watch.devices) > 1 else ""
         since = f", since {times[1]}" if event.times > 1 else ""
         return layout.facts([(times[0], Text(f"{device}{event.text}{since}", _SEVERITY_STYLES[event.severity]))])
@@ -113,7 +113,7 @@ class _Layout:
     console: Console
     width: int
 
-    def wrapped(self, text: Text, label: str = "", indent: int = 1) -> Iterator[Text]:
+    def wrap(self, text: Text, label: str = "", indent: int = 1) -> Iterator[Text]:
         """Wraps `text` into indented lines, with `label` before the first one."""
         for line in text.wrap(self.console, max(_LEAST_WIDTH, self.width - indent), overflow="fold"):
             yield Text.assemble((f"{label:{indent}}", "dim"), line)
@@ -122,18 +122,18 @@ class _Layout:
     def facts(self, facts: Iterable[tuple[str, Text]]) -> Iterator[Text]:
         """Labels with a fact beside each, which may take several lines."""
         for label, fact in facts:
-            yield from self.wrapped(fact, f" {label} ", _LABEL)
+            yield from self.wrap(fact, f" {label} ", _LABEL)
 
     def rule(self) -> Text:
         return Text("─" * self.width, "dim")
 
 
-def _fitted(lines: list[Text], room: int) -> list[Text]:
+def _fit_lines(lines: list[Text], room: int) -> list[Text]:
     """As many lines as there is room for, with a last one that says how many are not shown."""
     if len(lines) <= room or room < 1:
         return lines[: max(0, room)]
     return [*lines[: room - 1], Text(f" … and {len(lines) - room + 1} more modules", "dim")]
 
 
-def _clock(wall: float) -> str:
+def _format_clock(wall: float) -> str:
     return datetime.fromtimestamp(wall).strftime("%H:%M:%S")

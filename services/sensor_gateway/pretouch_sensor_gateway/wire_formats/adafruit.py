@@ -15,7 +15,7 @@ import re
 
 from pretouch_sensor_gateway.wire_formats.parser import OK, Measurement
 from pretouch_sensor_gateway.wire_formats.text import TextFormat
-from pretouch_sensor_gateway.wire_formats.text_fields import NO_ANSWER, NO_TARGET, Reading, reading_with_status
+from pretouch_sensor_gateway.wire_formats.text_fields import NO_ANSWER, NO_TARGET, Reading, make_reading
 
 _HEAD = re.compile(r"\d{1,10}(?:\(([0-9A-Fa-f]{1,16})\))?")
 _RANGE = re.compile(r"(\d{1,5})(?:#(\d{1,3}))?")
@@ -54,10 +54,10 @@ def _cell(cell: str, pending: bool) -> Reading | None:
     if cell == "###":
         return math.nan, NO_ANSWER if pending else NO_TARGET
     if match := _STATUS.fullmatch(cell):
-        return reading_with_status(0, int(match[1]))
+        return make_reading(0, int(match[1]))
     if match := _RANGE.fullmatch(cell):
         # A sensor that did not answer leaves a zero, or the range of the cycle before.
-        return (math.nan, NO_ANSWER) if pending else reading_with_status(int(match[1]), int(match[2] or OK))
+        return (math.nan, NO_ANSWER) if pending else make_reading(int(match[1]), int(match[2] or OK))
     return None
 
 
@@ -66,7 +66,7 @@ def _default_mode(part: str) -> Reading | None:
     if match is None:
         return None
     if match["range"]:
-        return reading_with_status(int(match["range"]), OK)
+        return make_reading(int(match["range"]), OK)
     status = _STATUS_OF_WORDS.get(match["words"])
     return None if status is None else (math.nan, status)
 

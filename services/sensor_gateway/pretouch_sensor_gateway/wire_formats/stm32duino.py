@@ -13,7 +13,7 @@ import re
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS
 from pretouch_sensor_gateway.wire_formats.parser import Measurement
 from pretouch_sensor_gateway.wire_formats.text import TextFormat
-from pretouch_sensor_gateway.wire_formats.text_fields import NO_ANSWER, reading_with_status
+from pretouch_sensor_gateway.wire_formats.text_fields import NO_ANSWER, make_reading
 
 DAY_MODULUS = 24 * 3600 * 1_000_000
 """Microseconds of a day."""
@@ -30,7 +30,7 @@ def read_stm32duino(line: str) -> Measurement | None:
     match = _LINE.fullmatch(line)
     if match is None:
         return None
-    valid = [reading_with_status(int(mm), int(status)) for mm, status in _MODULE.findall(match["modules"])]
+    valid = [make_reading(int(mm), int(status)) for mm, status in _MODULE.findall(match["modules"])]
     ranges, status = zip(*valid, strict=True)
     if max(status) > NO_ANSWER:
         return None

@@ -71,7 +71,7 @@ def parse_reading(word: str) -> Reading | None:
     return (millimetres / 1000, OK) if millimetres <= MAX_MILLIMETRES else None
 
 
-def reading_with_status(millimetres: int, status: int) -> Reading:
+def make_reading(millimetres: int, status: int) -> Reading:
     """The reading of a range whose status the device sends. An impossible range is none, even if its status is good."""
     if 0 < millimetres <= MAX_MILLIMETRES:
         return millimetres / 1000, status

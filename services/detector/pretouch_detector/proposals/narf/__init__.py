@@ -13,8 +13,8 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.rectangle import ProposedRegion
 from pretouch.scene import Scene
 from pretouch.tof import Sensor
-from pretouch_detector.proposals.narf.features import features
-from pretouch_detector.proposals.narf.rectangles import region
+from pretouch_detector.proposals.narf.features import find_features
+from pretouch_detector.proposals.narf.rectangles import make_region
 
 SUPPORT = 0.05
 """m: the support size of a keypoint. The paper does not specify it; at this size half of the objects that stand on a
@@ -37,9 +37,9 @@ def propose(scene: Scene, sensor: Sensor, count: int, rng: np.random.Generator) 
     left, top, right, bottom = view.bounds()
     kept, c = np.s_[::step, ::step], view.camera
     coarse = Camera(c.fx / step, c.fy / step, c.cx / step, c.cy / step)
-    found = features(DepthImage(view.depth.metres[kept]), coarse, view.mask[kept], SUPPORT)
+    found = find_features(DepthImage(view.depth.metres[kept]), coarse, view.mask[kept], SUPPORT)
     regions = [
-        region(step * pixel, descriptor, pose, c, (right - left) * (bottom - top) / 2)
+        make_region(step * pixel, descriptor, pose, c, (right - left) * (bottom - top) / 2)
         for pixel, descriptor, pose in zip(found.pixels, found.descriptors, found.poses, strict=True)
         if np.isfinite(descriptor).all()
     ]

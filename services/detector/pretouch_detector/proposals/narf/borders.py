@@ -45,16 +45,16 @@ class Borders(NamedTuple):
     veil: NDArray[np.bool_]
 
 
-def borders(image: RangeImage, surface: Surface) -> Borders:
+def find_borders(image: RangeImage, surface: Surface) -> Borders:
     """Scores and classes of all pixels."""
     first = np.zeros((4, *image.ranges.shape), np.float32)
-    _scores(image.points, image.ranges, surface.reach, first)
+    _score_steps(image.points, image.ranges, surface.reach, first)
     scores = np.empty_like(first)
     for side in range(4):
-        _supported(first[side], scores[side])
+        _support_scores(first[side], scores[side])
     partners = np.full(first.shape, -1, np.int64)
     for side in range(4):
-        _with_shadow(scores[side], scores[side ^ 1].copy(), SIDES[side][0], SIDES[side][1], partners[side])
+        _find_shadows(scores[side], scores[side ^ 1].copy(), SIDES[side][0], SIDES[side][1], partners[side])
     found = Borders(
         first,
         scores,
@@ -69,19 +69,19 @@ def borders(image: RangeImage, surface: Surface) -> Borders:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _scores(points: Floats, ranges: Floats, reach: Floats, scores: Floats) -> None:
+def _score_steps(points: Floats, ranges: Floats, reach: Floats, scores: Floats) -> None:
     h, w = ranges.shape
     for v in range(h):
         for u in range(w):
             if np.isfinite(reach[v, u]):
                 for side in range(4):
-                    scores[side, v, u] = step_score(
+                    scores[side, v, u] = score_step(
                         points, ranges, reach[v, u], v, u, _STEPS[side, 0], _STEPS[side, 1], REACH
                     )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def step_score(
+def score_step(
     points: Floats, ranges: Floats, reach: np.float32, v: int, u: int, du: int, dv: int, count: int
 ) -> np.float32:
     """In (-1, 1): how far the mean of `count` pixels next to (v, u), in steps of (du, dv), jumps back; 0: not at all.
@@ -113,7 +113,7 @@ def step_score(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _supported(scores: Floats, out: Floats) -> None:
+def _support_scores(scores: Floats, out: Floats) -> None:
     """Raises the scores that the eight neighbours' mean can bring above the least probability."""
     h, w = scores.shape
     for v in range(h):
@@ -134,7 +134,7 @@ def _supported(scores: Floats, out: Floats) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _with_shadow(scores: Floats, opposite: Floats, du: int, dv: int, partners: NDArray[np.int64]) -> None:
+def _find_shadows(scores: Floats, opposite: Floats, du: int, dv: int, partners: NDArray[np.int64]) -> None:
     """Finds each probable border's shadow border, the most negative score towards the opposite side; 0 without one.
 
     `partners` (h, w) becomes its distance, px, or -1.

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pretouch_detector.proposals.narf.borders import MIN_PROBABILITY, Borders, step_score
-from pretouch_detector.proposals.narf.moments import COUNT, MOMENTS, add, axes, dot, normalise
+from pretouch_detector.proposals.narf.borders import MIN_PROBABILITY, Borders, score_step
+from pretouch_detector.proposals.narf.moments import COUNT, MOMENTS, add_point, compute_axes, dot, normalise
 from pretouch_detector.proposals.narf.range_image import Floats, RangeImage
 from pretouch_detector.proposals.narf.surface import Surface
 
@@ -34,12 +34,12 @@ class Change(NamedTuple):
     directions: Floats
 
 
-def change(image: RangeImage, surface: Surface, borders: Borders) -> Change:
+def measure_change(image: RangeImage, surface: Surface, borders: Borders) -> Change:
     """The change at each pixel that is neither shadow border nor veil point."""
     hidden = borders.shadow | borders.veil
     shape = image.ranges.shape
     single = np.full((*shape, 3), np.nan, np.float32)
-    _across_borders(
+    _compute_border_directions(
         image.points,
         image.ranges,
         image.optics,
@@ -50,13 +50,13 @@ def change(image: RangeImage, surface: Surface, borders: Borders) -> Change:
         single,
     )
     found = Change(np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32))
-    _average(image.points, image.ranges, surface.reach, single, hidden, found.scores, found.directions)
-    _bends(image.ranges, surface.normals, surface.reach, hidden, found.scores, found.directions)
+    _average_directions(image.points, image.ranges, surface.reach, single, hidden, found.scores, found.directions)
+    _score_bends(image.ranges, surface.normals, surface.reach, hidden, found.scores, found.directions)
     return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _across_borders(
+def _compute_border_directions(
     points: Floats, ranges: Floats, optics: Floats, normals: Floats, means: Floats, reach: Floats,
     obstacle: NDArray[np.bool_], directions: Floats,
 ) -> None:  # fmt: skip
@@ -80,7 +80,7 @@ def _across_borders(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _average(
+def _average_directions(
     points: Floats, ranges: Floats, reach: Floats, single: Floats, hidden: NDArray[np.bool_], scores: Floats,
     directions: Floats,
 ) -> None:  # fmt: skip
@@ -97,7 +97,7 @@ def _average(
                         continue
                     if dot(single[j, i], single[v, u]) < _WIDEST_TURN:
                         continue
-                    score = step_score(points, ranges, reach[v, u], v, u, i - u, j - v, 1)
+                    score = score_step(points, ranges, reach[v, u], v, u, i - u, j - v, 1)
                     if abs(score) < _SAME_SURFACE:
                         total += single[j, i]
                         count += 1
@@ -108,7 +108,7 @@ def _average(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _bends(
+def _score_bends(
     ranges: Floats, normals: Floats, reach: Floats, hidden: NDArray[np.bool_], scores: Floats, directions: Floats
 ) -> None:
     """Where there is no border: how far the normals around spread, and along which axis."""
@@ -133,10 +133,10 @@ def _bends(
                         if hidden[j, i]:
                             blocked[dv + 1, du + 1] = True
                         elif np.isfinite(reach[j, i]):
-                            add(moments, normals[j, i], _ONE)
+                            add_point(moments, normals[j, i], _ONE)
             if moments[COUNT] < 3:
                 continue
-            axes(moments, values, vectors)
+            compute_axes(moments, values, vectors)
             spread = np.sqrt(values[2])
             if np.isfinite(spread):
                 scores[v, u] = spread

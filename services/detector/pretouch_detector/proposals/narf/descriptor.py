@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pretouch_detector.proposals.narf.patch import CELLS, surface_patch, upright_frame
+from pretouch_detector.proposals.narf.patch import CELLS, compute_upright_frame, render_patch
 from pretouch_detector.proposals.narf.range_image import Floats, RangeImage
 
 BEAMS = 36
@@ -23,8 +23,8 @@ _DEGREE = np.float32(0.017453293)
 _TURN, _STRAIGHT = np.float32(360) * _DEGREE, np.float32(180) * _DEGREE
 
 
-def descriptors(image: RangeImage, pixels: NDArray[np.int64], support: float) -> tuple[Floats, Floats]:
-    """Of keypoints (n, 2) as (v, u).
+def describe_keypoints(image: RangeImage, pixels: NDArray[np.int64], support: float) -> tuple[Floats, Floats]:
+    """Descriptors and frames of keypoints (n, 2) as (v, u).
 
     Returns:
         (n, BEAMS) in [-0.5, 0.5]: a beam's mean rise of distance from the camera, near steps counting more, as
@@ -44,13 +44,13 @@ def _describe(
     poses: Floats,
 ) -> None:  # fmt: skip
     for n in range(len(pixels)):
-        if upright_frame(points, ranges, pixels[n, 0], pixels[n, 1], support, poses[n]):
-            patch = _blurred(surface_patch(points, ranges, optics, poses[n], support), support)
-            _beams(patch, support, values[n])
+        if compute_upright_frame(points, ranges, pixels[n, 0], pixels[n, 1], support, poses[n]):
+            patch = _blur(render_patch(points, ranges, optics, poses[n], support), support)
+            _sample_beams(patch, support, values[n])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _blurred(patch: Floats, support: np.float32) -> Floats:
+def _blur(patch: Floats, support: np.float32) -> Floats:
     """(2 CELLS, 2 CELLS): the patch at twice its resolution, averaged over 3 x 3 cells; unknown is far away."""
     sums = np.zeros((_FINE + 1, _FINE + 1), np.float32)
     for row in range(_FINE):
@@ -72,7 +72,7 @@ def _blurred(patch: Floats, support: np.float32) -> Floats:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _beams(patch: Floats, support: np.float32, values: Floats) -> None:
+def _sample_beams(patch: Floats, support: np.float32, values: Floats) -> None:
     last = np.float32(_STEPS - 1)
     slope = -_TWO * (_FIRST_WEIGHT - _ONE) / ((_FIRST_WEIGHT + _ONE) * last)
     most = _TWO * _FIRST_WEIGHT / (_FIRST_WEIGHT + _ONE)

@@ -26,7 +26,7 @@ _PI, _DEGREE = np.float32(np.pi), np.float32(0.017453293)
 _RIGHT, _STRAIGHT = np.float32(90) * _DEGREE, np.float32(180) * _DEGREE
 
 
-def interest(
+def compute_interest(
     image: RangeImage, change: Change, hidden: NDArray[np.bool_], where: NDArray[np.bool_], support: float
 ) -> Floats:
     """(h, w) in [0, 1], of the pixels `where` (h, w); 0 elsewhere and on `hidden` ones (shadow borders, veil points).
@@ -41,12 +41,12 @@ def interest(
     inner[3], inner[4:] = change.scores, np.moveaxis(change.directions, -1, 0)
     centres = np.flatnonzero(np.pad(where & np.isfinite(image.ranges) & ~hidden, 1))
     values = np.zeros((h + 2) * (w + 2), np.float32)
-    _interest(np.moveaxis(framed, 0, -1).reshape(-1, 7), centres, w + 2, np.float32(support), values)
+    _fill_interest(np.moveaxis(framed, 0, -1).reshape(-1, 7), centres, w + 2, np.float32(support), values)
     return np.ascontiguousarray(values.reshape(h + 2, w + 2)[1:-1, 1:-1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _interest(pixels: Floats, centres: NDArray[np.int64], width: int, support: np.float32, values: Floats) -> None:
+def _fill_interest(pixels: Floats, centres: NDArray[np.int64], width: int, support: np.float32, values: Floats) -> None:
     """The interest of the pixels `centres` (n,), each from those connected to it within half of `support`.
 
     `pixels` (k, 7) are rows of `width` framed by ones that are not to be entered: point (NaN: not to be entered), score
@@ -66,7 +66,7 @@ def _interest(pixels: Floats, centres: NDArray[np.int64], width: int, support: n
     frame = np.empty(6, np.float32)
     for centre in centres:
         px, py, pz = pixels[centre, 0], pixels[centre, 1], pixels[centre, 2]
-        image_axes(px, py, pz, frame)
+        compute_image_axes(px, py, pz, frame)
         bins[:] = _ZERO
         weakest, steady = _ZERO, _ONE
         first, last = 0, 1
@@ -92,15 +92,15 @@ def _interest(pixels: Floats, centres: NDArray[np.int64], width: int, support: n
             steady = min(steady, unsteady * unsteady)
             strength = score if away <= FULL_PX else score * (_ONE - near)
             if strength > weakest:
-                cell = bin_of(pixels[k, 4:7], frame)
+                cell = find_bin(pixels[k, 4:7], frame)
                 if strength > bins[cell]:
                     bins[cell] = strength
                     weakest = bins.min()
-        values[centre] = steady * _variety(bins)
+        values[centre] = steady * _score_variety(bins)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def image_axes(x: np.float32, y: np.float32, z: np.float32, frame: Floats) -> None:
+def compute_image_axes(x: np.float32, y: np.float32, z: np.float32, frame: Floats) -> None:
     """Writes the axes left and up, across the ray to a point and in the camera frame, to `frame` (6,)."""
     length = np.sqrt(x * x + (y * y + z * z))
     x, y, z = x / length, y / length, z / length
@@ -113,8 +113,8 @@ def image_axes(x: np.float32, y: np.float32, z: np.float32, frame: Floats) -> No
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bin_of(direction: Floats, frame: Floats) -> int:
-    """The bin of a direction (3,) as seen along the ray whose `image_axes` are `frame` (6,).
+def find_bin(direction: Floats, frame: Floats) -> int:
+    """The bin of a direction (3,) as seen along the ray whose axes by `compute_image_axes` are `frame` (6,).
 
     PCL computes the angle from its cosine alone: directions that mirror each other at the image's u axis share a bin.
     """
@@ -127,19 +127,19 @@ def bin_of(direction: Floats, frame: Floats) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _variety(bins: Floats) -> np.float32:
+def _score_variety(bins: Floats) -> np.float32:
     """In [0, 1]: the two strongest changes whose directions differ most."""
     best = _ZERO
     for a in range(BINS - 1):
         if bins[a] == _ZERO:
             continue
         for b in range(a + 1, BINS):
-            best = max(best, bins[a] * bins[b] * apart(b - a))
+            best = max(best, bins[a] * bins[b] * compare_bins(b - a))
     return np.sqrt(best)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def apart(difference: int) -> np.float32:
+def compare_bins(difference: int) -> np.float32:
     """In [0, 1]: how different the directions of two bins are, `difference` bins from each other."""
     share = _TWO * np.float32(difference) / np.float32(BINS)
     return min(share, _TWO - share)

@@ -14,7 +14,7 @@ _APART = np.float32(0.25)
 """The least distance between keypoints, as a share of the support size."""
 
 
-def keypoints(interest: Floats, points: Floats, support: float) -> NDArray[np.int64]:
+def find_keypoints(interest: Floats, points: Floats, support: float) -> NDArray[np.int64]:
     """(n, 2) pixels as (v, u), the most interesting first.
 
     Args:

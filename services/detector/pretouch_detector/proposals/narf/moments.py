@@ -23,7 +23,7 @@ _SMALL = np.float32(1e-5)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add(moments: Floats, point: Floats, weight: np.float32) -> None:
+def add_point(moments: Floats, point: Floats, weight: np.float32) -> None:
     """Adds `point` (3,) to `moments` (MOMENTS,)."""
     if weight == _ZERO:
         return
@@ -44,7 +44,7 @@ def add(moments: Floats, point: Floats, weight: np.float32) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def axes(moments: Floats, values: Floats, vectors: Floats) -> None:
+def compute_axes(moments: Floats, values: Floats, vectors: Floats) -> None:
     """Writes the covariance's eigenvalues, rising, to `values` (3,) and its eigenvectors to the rows of `vectors`."""
     scale = _ZERO
     for k in range(3, 9):
@@ -53,22 +53,22 @@ def axes(moments: Floats, values: Floats, vectors: Floats) -> None:
         scale = _ONE
     xx, xy, xz = moments[3] / scale, moments[4] / scale, moments[5] / scale
     yy, yz, zz = moments[6] / scale, moments[7] / scale, moments[8] / scale
-    _roots(xx, xy, xz, yy, yz, zz, values)
+    _solve_cubic(xx, xy, xz, yy, yz, zz, values)
     if values[2] - values[0] <= _EPSILON:
         vectors[:] = _ZERO
         vectors[0, 0] = vectors[1, 1] = vectors[2, 2] = _ONE
     elif values[1] - values[0] <= _EPSILON:
-        _null_vector(xx - values[2], xy, xz, yy - values[2], yz, zz - values[2], vectors[2])
-        _across(vectors[2], vectors[1])
+        _find_null_vector(xx - values[2], xy, xz, yy - values[2], yz, zz - values[2], vectors[2])
+        _find_perpendicular(vectors[2], vectors[1])
         cross(vectors[1], vectors[2], vectors[0])
     elif values[2] - values[1] <= _EPSILON:
-        _null_vector(xx - values[0], xy, xz, yy - values[0], yz, zz - values[0], vectors[0])
-        _across(vectors[0], vectors[1])
+        _find_null_vector(xx - values[0], xy, xz, yy - values[0], yz, zz - values[0], vectors[0])
+        _find_perpendicular(vectors[0], vectors[1])
         cross(vectors[0], vectors[1], vectors[2])
     else:
-        l0 = _null_vector(xx - values[0], xy, xz, yy - values[0], yz, zz - values[0], vectors[0])
-        l1 = _null_vector(xx - values[1], xy, xz, yy - values[1], yz, zz - values[1], vectors[1])
-        l2 = _null_vector(xx - values[2], xy, xz, yy - values[2], yz, zz - values[2], vectors[2])
+        l0 = _find_null_vector(xx - values[0], xy, xz, yy - values[0], yz, zz - values[0], vectors[0])
+        l1 = _find_null_vector(xx - values[1], xy, xz, yy - values[1], yz, zz - values[1], vectors[1])
+        l2 = _find_null_vector(xx - values[2], xy, xz, yy - values[2], yz, zz - values[2], vectors[2])
         surest, least = 0, 0
         if l1 < l0:
             least = 1
@@ -110,7 +110,7 @@ def normalise(a: Floats) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _roots(
+def _solve_cubic(
     xx: np.float32, xy: np.float32, xz: np.float32, yy: np.float32, yz: np.float32, zz: np.float32, values: Floats
 ) -> None:
     """The eigenvalues of a positive semi-definite matrix, rising, after Cardano."""
@@ -118,7 +118,7 @@ def _roots(
     minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
     trace = xx + yy + zz
     if abs(determinant) < _EPSILON:
-        _quadratic_roots(trace, minors, values)
+        _solve_quadratic(trace, minors, values)
         return
     mean = trace * _THIRD
     a = min((minors - trace * mean) * _THIRD, _ZERO)
@@ -138,11 +138,11 @@ def _roots(
             r0, r1 = r1, r0
     values[0], values[1], values[2] = r0, r1, r2
     if r0 <= _ZERO:
-        _quadratic_roots(trace, minors, values)
+        _solve_quadratic(trace, minors, values)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _quadratic_roots(trace: np.float32, minors: np.float32, values: Floats) -> None:
+def _solve_quadratic(trace: np.float32, minors: np.float32, values: Floats) -> None:
     """The eigenvalues when the smallest is zero."""
     square = np.float32(np.float64(trace * trace) - 4.0 * np.float64(minors))
     root = np.sqrt(max(square, _ZERO))
@@ -150,7 +150,7 @@ def _quadratic_roots(trace: np.float32, minors: np.float32, values: Floats) -> N
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _null_vector(
+def _find_null_vector(
     xx: np.float32, xy: np.float32, xz: np.float32, yy: np.float32, yz: np.float32, zz: np.float32, out: Floats
 ) -> np.float32:
     """Writes the unit vector that a singular symmetric matrix maps to zero; returns the cross product's length."""
@@ -170,7 +170,7 @@ def _null_vector(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _across(a: Floats, out: Floats) -> None:
+def _find_perpendicular(a: Floats, out: Floats) -> None:
     """Writes a unit vector at a right angle to `a` (3,)."""
     if max(abs(a[0]), abs(a[1])) > _SMALL * abs(a[2]):
         inverse = _ONE / np.sqrt(a[0] * a[0] + a[1] * a[1])

@@ -26,7 +26,7 @@ def sort(keys: Floats, items: NDArray[np.int64], count: int) -> None:
     while open > 0:
         high = ends[open - 1]
         if high - low > _FEW:
-            ends[open] = _part(keys, items, low, high)
+            ends[open] = _partition(keys, items, low, high)
             open += 1
         else:
             low = high
@@ -40,7 +40,7 @@ def sort(keys: Floats, items: NDArray[np.int64], count: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _part(keys: Floats, items: NDArray[np.int64], low: int, high: int) -> int:
+def _partition(keys: Floats, items: NDArray[np.int64], low: int, high: int) -> int:
     """Partitions keys[low:high] about the median of its second, middle and last; returns where the larger begin."""
     a, b, c = low + 1, low + (high - low) // 2, high - 1
     if keys[a] < keys[b]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pretouch_detector.proposals.narf.moments import COUNT, MOMENTS, add, axes, dot, normalise
+from pretouch_detector.proposals.narf.moments import COUNT, MOMENTS, add_point, compute_axes, dot, normalise
 from pretouch_detector.proposals.narf.range_image import Floats
-from pretouch_detector.proposals.narf.surface import plane
+from pretouch_detector.proposals.narf.surface import fit_plane
 
 CELLS = 10
 """Cells along a side of the projected patch; the blurred one has twice as many."""
@@ -20,7 +20,7 @@ _INF = np.float32(np.inf)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def ring(radius: int, k: int) -> tuple[int, int]:
+def locate_on_ring(radius: int, k: int) -> tuple[int, int]:
     """(dv, du) of the k-th of the 8 x radius pixels around a pixel, clockwise from the upper left; radius 0: itself."""
     if k <= 2 * radius:
         return -radius, k - radius
@@ -32,7 +32,7 @@ def ring(radius: int, k: int) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def upright_frame(points: Floats, ranges: Floats, v: int, u: int, support: np.float32, pose: Floats) -> bool:
+def compute_upright_frame(points: Floats, ranges: Floats, v: int, u: int, support: np.float32, pose: Floats) -> bool:
     """Writes `patch_T_camera` (3, 4) of pixel (v, u) to `pose`: z along the normal away from the camera, y down.
 
     The normal is that of the points within half of `support`, m, the further ones counting more; the origin lies on
@@ -47,7 +47,7 @@ def upright_frame(points: Floats, ranges: Floats, v: int, u: int, support: np.fl
     while near:
         near = False
         for k in range(8 * radius):
-            dv, du = ring(radius, k)
+            dv, du = locate_on_ring(radius, k)
             j, i = v + dv, u + du
             if j < 0 or j >= h or i < 0 or i >= w or not np.isfinite(ranges[j, i]):
                 continue
@@ -55,16 +55,16 @@ def upright_frame(points: Floats, ranges: Floats, v: int, u: int, support: np.fl
             square = x * x + (y * y + z * z)
             if square <= square_reach:
                 near = True
-                add(moments, points[j, i], np.sqrt(square) * inverse_reach)
+                add_point(moments, points[j, i], np.sqrt(square) * inverse_reach)
         radius += 1
     normal, mean = np.empty(3, np.float32), np.empty(3, np.float32)
     if moments[COUNT] > _FEW_POINTS:
         values, vectors = np.empty(3, np.float32), np.empty((3, 3), np.float32)
-        axes(moments, values, vectors)
+        compute_axes(moments, values, vectors)
         normal[:], mean[:] = vectors[0], moments[:3]
         if dot(normal, mean) < _ZERO:
             normal[:] = -normal
-    elif np.isnan(plane(points, ranges, v, u, point, _FEW_NEAREST, normal, mean)):
+    elif np.isnan(fit_plane(points, ranges, v, u, point, _FEW_NEAREST, normal, mean)):
         return False
     offset = dot(normal, mean) - dot(normal, point)
     across = np.empty(3, np.float32)
@@ -84,7 +84,7 @@ def upright_frame(points: Floats, ranges: Floats, v: int, u: int, support: np.fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def surface_patch(points: Floats, ranges: Floats, optics: Floats, pose: Floats, support: np.float32) -> Floats:
+def render_patch(points: Floats, ranges: Floats, optics: Floats, pose: Floats, support: np.float32) -> Floats:
     """(CELLS, CELLS) z, m, of the nearest surface in the frame `pose` (3, 4), over `support` m each way.
 
     Between pixels the surface is a mesh of triangles. inf where the background is seen beside it, -inf where nothing is
@@ -95,37 +95,37 @@ def surface_patch(points: Floats, ranges: Floats, optics: Floats, pose: Floats, 
     origin = np.empty(3, np.float32)
     for k in range(3):
         origin[k] = -(pose[0, k] * pose[0, 3] + pose[1, k] * pose[1, 3] + pose[2, k] * pose[2, 3])
-    v, u, _ = _pixel(origin, optics)
+    v, u, _ = _project(origin, optics)
     reach = _HALF * support
     corners = np.empty((3, 3), np.float32)
     radius, near = 0, True
     while near:
         near = radius < _MIN_RINGS
         for k in range(max(1, 8 * radius)):
-            dv, du = ring(radius, k)
+            dv, du = locate_on_ring(radius, k)
             j, i = v + dv, u + du
             if j < 0 or j + 1 >= h or i < 0 or i + 1 >= w:
                 continue
             if not (np.isfinite(ranges[j, i]) and np.isfinite(ranges[j + 1, i + 1])):
                 continue
-            _to_patch(pose, points[j, i], corners[0])
-            _to_patch(pose, points[j + 1, i + 1], corners[1])
+            _transform_to_patch(pose, points[j, i], corners[0])
+            _transform_to_patch(pose, points[j + 1, i + 1], corners[1])
             if abs(corners[0, 2]) > reach or abs(corners[1, 2]) > reach:
                 continue
             for half in range(2):
                 jj, ii = j + 1 - half, i + half
                 if np.isfinite(ranges[jj, ii]):
-                    _to_patch(pose, points[jj, ii], corners[2])
-                    if abs(corners[2, 2]) <= reach and _over_patch(corners, reach):
+                    _transform_to_patch(pose, points[jj, ii], corners[2])
+                    if abs(corners[2, 2]) <= reach and _may_overlap_patch(corners, reach):
                         near = True
-                        _draw(corners, patch, support)
+                        _draw_triangle(corners, patch, support)
         radius += 1
     _mark_background(ranges, optics, pose, patch, support)
     return patch
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pixel(point: Floats, optics: Floats) -> tuple[int, int, np.float32]:
+def _project(point: Floats, optics: Floats) -> tuple[int, int, np.float32]:
     """Row and column of the pixel that a point (3,) in the camera frame falls on, and its range, m."""
     # PCL multiplies with the focal length, of which `optics` holds the reciprocal
     focal_u, focal_v = _ONE / optics[0], _ONE / optics[1]
@@ -135,13 +135,13 @@ def _pixel(point: Floats, optics: Floats) -> tuple[int, int, np.float32]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _to_patch(pose: Floats, point: Floats, out: Floats) -> None:
+def _transform_to_patch(pose: Floats, point: Floats, out: Floats) -> None:
     for k in range(3):
         out[k] = pose[k, 0] * point[0] + pose[k, 1] * point[1] + pose[k, 2] * point[2] + pose[k, 3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _over_patch(corners: Floats, reach: np.float32) -> bool:
+def _may_overlap_patch(corners: Floats, reach: np.float32) -> bool:
     """Whether the triangle does not lie on the far side of one of the patch's edges."""
     for axis in range(2):
         least = min(corners[0, axis], corners[1, axis], corners[2, axis])
@@ -152,7 +152,7 @@ def _over_patch(corners: Floats, reach: np.float32) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _draw(corners: Floats, patch: Floats, support: np.float32) -> None:
+def _draw_triangle(corners: Floats, patch: Floats, support: np.float32) -> None:
     """Writes the heights of a triangle's plane into the cells whose centres it covers, keeping the nearer surface."""
     scale = _ONE / (support / np.float32(CELLS))
     middle = _HALF * np.float32(CELLS) - _HALF
@@ -197,7 +197,7 @@ def _mark_background(ranges: Floats, optics: Floats, pose: Floats, patch: Floats
                     offset[2] = patch[j, i] - pose[2, 3]
                     for k in range(3):
                         point[k] = pose[0, k] * offset[0] + pose[1, k] * offset[1] + pose[2, k] * offset[2]
-                    v, u, distance = _pixel(point, optics)
+                    v, u, distance = _project(point, optics)
                     if 0 <= v < h and 0 <= u < w and ranges[v, u] - distance > reach:
                         background = True
             if background:

@@ -13,7 +13,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch_detector.proposals.narf.change import Change
-from pretouch_detector.proposals.narf.interest import ALWAYS_PX, BINS, FULL_PX, LEAST_CHANGE, apart, bin_of, image_axes
+from pretouch_detector.proposals.narf.interest import (
+    ALWAYS_PX,
+    BINS,
+    FULL_PX,
+    LEAST_CHANGE,
+    compare_bins,
+    compute_image_axes,
+    find_bin,
+)
 from pretouch_detector.proposals.narf.range_image import Floats, RangeImage
 
 _ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
@@ -34,7 +42,7 @@ class _Strong(NamedTuple):
     changes: Floats
 
 
-def promising(
+def find_promising(
     image: RangeImage, change: Change, hidden: NDArray[np.bool_], where: NDArray[np.bool_], support: float, least: float
 ) -> NDArray[np.bool_]:
     """(h, w): a superset of the pixels `where` (h, w) whose interest is at least `least`, with few others."""
@@ -46,7 +54,7 @@ def promising(
     before[1:, 0] = before[:-1, -1]
     changes = np.column_stack([image.points[strong], change.scores[strong], change.directions[strong]])
     found = np.zeros(strong.shape, np.bool_)
-    _promising(
+    _mark_promising(
         image.points,
         image.optics,
         _Strong(columns, before, changes),
@@ -59,7 +67,7 @@ def promising(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _promising(
+def _mark_promising(
     points: Floats, optics: Floats, strong: _Strong, where: NDArray[np.bool_], support: np.float32, least: np.float32,
     found: NDArray[np.bool_],
 ) -> None:  # fmt: skip
@@ -74,7 +82,7 @@ def _promising(
             if not where[v, u]:
                 continue
             x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
-            image_axes(x, y, z, frame)
+            compute_image_axes(x, y, z, frame)
             bins[:] = _ZERO
             du, dv = max(h, w), max(h, w)
             if z > radius:
@@ -92,11 +100,11 @@ def _promising(
                         strength *= _ONE - inverse_radius * np.sqrt(square)
                     if strength <= enough:  # the other one of a pair is at most 1
                         continue
-                    cell = bin_of(changes[n, 4:7], frame)
+                    cell = find_bin(changes[n, 4:7], frame)
                     if strength > bins[cell]:
                         bins[cell] = strength
                         for other in range(BINS):
-                            if bins[cell] * bins[other] * apart(abs(cell - other)) >= enough:
+                            if bins[cell] * bins[other] * compare_bins(abs(cell - other)) >= enough:
                                 found[v, u] = True
                     if found[v, u]:
                         break

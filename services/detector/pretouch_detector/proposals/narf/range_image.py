@@ -26,7 +26,7 @@ class RangeImage(NamedTuple):
     optics: Floats
 
 
-def range_image(depth: DepthImage, camera: Camera) -> RangeImage:
+def make_range_image(depth: DepthImage, camera: Camera) -> RangeImage:
     """The points of `depth` seen by `camera`."""
     one = np.float32(1)
     optics = np.array([one / np.float32(camera.fx), one / np.float32(camera.fy), camera.cx, camera.cy], np.float32)

@@ -13,7 +13,7 @@ _LONGEST = 3.3
 """The longer side over the shorter one is at most this, as in proposer `random`; the paper does not say."""
 
 
-def region(
+def make_region(
     pixel: NDArray[np.int64], descriptor: Floats, patch_T_camera: Floats, camera: Camera, area: float
 ) -> ProposedRegion:
     """The rectangle about a keypoint (v, u), `area` in square pixels.
@@ -27,13 +27,13 @@ def region(
     largest = float(descriptor[first])
     second = float(max(descriptor[first - quarter], descriptor[(first + quarter) % len(descriptor)]))
     aspect = float(np.clip(largest / second, 1.0, _LONGEST)) if second > 0 else _LONGEST
-    theta = _image_angle(first * 2 * np.pi / len(descriptor), pixel, patch_T_camera, camera)
+    theta = _project_angle(first * 2 * np.pi / len(descriptor), pixel, patch_T_camera, camera)
     width = float(np.sqrt(area * aspect))
     rectangle = RotatedRectangle(float(pixel[1]), float(pixel[0]), width, area / width, theta)
     return ProposedRegion(rectangle, float(np.clip(largest + second, 0.0, 1.0)))
 
 
-def _image_angle(beam: float, pixel: NDArray[np.int64], patch_T_camera: Floats, camera: Camera) -> float:
+def _project_angle(beam: float, pixel: NDArray[np.int64], patch_T_camera: Floats, camera: Camera) -> float:
     """rad, from +u towards +v: a beam, `beam` rad clockwise from the patch's upward axis, in the image at `pixel`."""
     x, y, z = np.array([np.sin(beam), -np.cos(beam), 0.0]) @ patch_T_camera[:, :3].astype(np.float64)
     a, b = (pixel[1] - camera.cx) / camera.fx, (pixel[0] - camera.cy) / camera.fy

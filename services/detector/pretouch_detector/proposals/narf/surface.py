@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pretouch_detector.proposals.narf.moments import COUNT, MOMENTS, add, axes, dot
+from pretouch_detector.proposals.narf.moments import COUNT, MOMENTS, add_point, compute_axes, dot
 from pretouch_detector.proposals.narf.order import sort
 from pretouch_detector.proposals.narf.range_image import Floats, RangeImage
 
@@ -33,7 +33,7 @@ class Surface(NamedTuple):
     reach: Floats
 
 
-def surface(image: RangeImage) -> Surface:
+def fit_surface(image: RangeImage) -> Surface:
     """The local plane of each pixel with data and at least three points on its surface."""
     shape = image.ranges.shape
     found = Surface(
@@ -41,21 +41,21 @@ def surface(image: RangeImage) -> Surface:
         np.full((*shape, 3), np.nan, np.float32),
         np.full(shape, np.nan, np.float32),
     )
-    _all_planes(image.points, image.ranges, found.normals, found.means, found.reach)
+    _fit_planes(image.points, image.ranges, found.normals, found.means, found.reach)
     return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _all_planes(points: Floats, ranges: Floats, normals: Floats, means: Floats, reach: Floats) -> None:
+def _fit_planes(points: Floats, ranges: Floats, normals: Floats, means: Floats, reach: Floats) -> None:
     h, w = ranges.shape
     for v in range(h):
         for u in range(w):
             if np.isfinite(ranges[v, u]):
-                reach[v, u] = plane(points, ranges, v, u, points[v, u], NEAREST, normals[v, u], means[v, u])
+                reach[v, u] = fit_plane(points, ranges, v, u, points[v, u], NEAREST, normals[v, u], means[v, u])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def plane(
+def fit_plane(
     points: Floats, ranges: Floats, v: int, u: int, around: Floats, nearest: int, normal: Floats, mean: Floats
 ) -> np.float32:
     """Fits a plane to the points of the window about pixel (v, u) that are near to `around` (3,), m.
@@ -70,7 +70,7 @@ def plane(
     for y in range(max(0, v - RADIUS), min(h, v + RADIUS + 1)):
         for x in range(max(0, u - RADIUS), min(w, u + RADIUS + 1)):
             if np.isfinite(ranges[y, x]):
-                distances[count] = square_distance(around, points[y, x])
+                distances[count] = compute_square_distance(around, points[y, x])
                 pixels[count] = y * w + x
                 count += 1
     sort(distances, pixels, count)
@@ -81,11 +81,11 @@ def plane(
     for k in range(count):
         if distances[k] > reach * _FOUR:
             break
-        add(moments, points[pixels[k] // w, pixels[k] % w], _ONE)
+        add_point(moments, points[pixels[k] // w, pixels[k] % w], _ONE)
     if moments[COUNT] < 3:
         return np.float32(np.nan)
     values, vectors = np.empty(3, np.float32), np.empty((3, 3), np.float32)
-    axes(moments, values, vectors)
+    compute_axes(moments, values, vectors)
     sign = -_ONE if dot(vectors[0], around) > _ZERO else _ONE
     for k in range(3):
         normal[k] = sign * vectors[0, k]
@@ -94,7 +94,7 @@ def plane(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def square_distance(a: Floats, b: Floats) -> np.float32:
+def compute_square_distance(a: Floats, b: Floats) -> np.float32:
     """m^2, between the points a and b, (3,) each."""
     x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     return x * x + y * y + z * z
