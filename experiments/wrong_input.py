@@ -32,7 +32,7 @@ from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.split import Split
-from pretouch_simulation.tip_height import TipHeight
+from pretouch_simulation.tip_margins import TipHeight
 from pretouch_simulation.world import World
 from rich.progress import track
 from scipy import ndimage

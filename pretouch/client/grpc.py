@@ -14,13 +14,13 @@ from pretouch.channel import open_channel, open_sync_channel
 from pretouch.client.asynchronous import AsyncClient
 from pretouch.client.events import QUIET, Event
 from pretouch.client.grpc_api import GrpcSessionApi, RpcMessage
+from pretouch.client.retries import TIMEOUT
 from pretouch.client.synchronous import SyncClient
 from pretouch.errors import from_rpc_error
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1.orchestrator_pb2_grpc import OrchestratorServiceStub
 
 GRPC_ADDRESS = "127.0.0.1:50050"
-TIMEOUT = 60.0
 
 
 def _as_path(path: str | PathLike[str] | None) -> Path | None:

@@ -19,11 +19,11 @@ from pretouch.client.rest_api import (
     raise_for_problem,
     session_path,
 )
+from pretouch.client.retries import TIMEOUT
 from pretouch.client.synchronous import SyncClient
 from pretouch.errors import InvalidInput
 
 REST_ADDRESS = "http://127.0.0.1:8080"
-TIMEOUT = 60.0
 
 
 def _make_options(

@@ -9,6 +9,8 @@ from typing import Final
 from pretouch.backoff import Backoff
 from pretouch.errors import DeadlineExceeded, Overloaded, PretouchError, Unavailable
 
+TIMEOUT: Final = 60.0
+"""s for one call with all of its attempts, unless the client asks for another."""
 _FIRST_DELAY: Final = 0.2
 _MAX_DELAY: Final = 2.0
 _JITTER: Final = 0.25

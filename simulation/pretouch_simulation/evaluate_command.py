@@ -30,7 +30,7 @@ from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.frame_folder import frames_in
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import Split
-from pretouch_simulation.tip_height import TipHeight
+from pretouch_simulation.tip_margins import TipHeight
 
 _FILE_WIDTH = 160
 _VIEWS, _SCANS, _SEEDS = 3, 5, 3

@@ -13,7 +13,7 @@ from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import Finger, FingerModel, realise
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.protocol import Case, generator
-from pretouch_simulation.tip_height import TipHeight
+from pretouch_simulation.tip_margins import TipHeight
 
 NEVER_CONVERGED = 1e-6
 """m: a tolerance that no estimate meets."""

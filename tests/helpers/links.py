@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from pretouch_sensor_gateway.transport.link import Link
+from pretouch_sensor_gateway.transport.reconnection import Link
 
 
 class Ears:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from helpers.faulty_board import Board
 from helpers.faulty_gateway import Gateway, gateway, unix_offset
-from pretouch_sensor_gateway.transport.link import FIRST_DELAY
+from pretouch_sensor_gateway.transport.reconnection import FIRST_DELAY
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 

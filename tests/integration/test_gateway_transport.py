@@ -19,7 +19,7 @@ from helpers.links import Diary, Ears, Pty, linked
 from pretouch_sensor_gateway.transport import link as link_module
 from pretouch_sensor_gateway.transport import port as port_module
 from pretouch_sensor_gateway.transport.address import PathAddress
-from pretouch_sensor_gateway.transport.link import Link, LinkState
+from pretouch_sensor_gateway.transport.reconnection import Link, LinkState
 
 FRAME = bytes(range(1, 38))
 """As long as a frame of eight modules."""

@@ -15,8 +15,8 @@ import pytest
 from helpers.links import Diary, Ears, Pty, eventually, linked
 from pretouch_sensor_gateway.transport import link as link_module
 from pretouch_sensor_gateway.transport.address import Address, PathAddress
-from pretouch_sensor_gateway.transport.link import Link, LinkState
 from pretouch_sensor_gateway.transport.port import Port, close_port, open_port
+from pretouch_sensor_gateway.transport.reconnection import Link, LinkState
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ from helpers.scenes import KINECT, Box, World
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import camera_model, so3
+from pretouch_registrar.engines.beam_response import make_cone
 from pretouch_registrar.engines.camera_model import CameraModel
-from pretouch_registrar.engines.cone import make_cone
 from pretouch_registrar.engines.objective import (
     assume_likeliest_hypothesis,
     compute_energies,

@@ -7,8 +7,8 @@ import pytest
 from helpers.scenes import KINECT, Box, View, World, looking
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_orchestrator.planning.envelope import Margins
 from pretouch_orchestrator.planning.path import plan_paths
+from pretouch_orchestrator.planning.tip_floor import Margins
 from scipy.spatial import KDTree
 
 from pretouch.camera import DepthImage

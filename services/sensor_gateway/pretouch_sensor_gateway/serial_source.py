@@ -13,7 +13,7 @@ from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.measurement_pipeline import MeasurementPipeline
 from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.source import DeviceState, SourceStatus
-from pretouch_sensor_gateway.transport.link import Link, LinkState
+from pretouch_sensor_gateway.transport.reconnection import Link, LinkState
 from pretouch_sensor_gateway.wire_formats.parser import Parser, Refusal
 
 SILENT_AFTER = 1.0

@@ -16,7 +16,7 @@ from pretouch.session import ScanSettings
 from pretouch.trajectory import Trajectory
 from pretouch_orchestrator.perception.heightmap import HeightMap, build_height_map
 from pretouch_orchestrator.perception.table import table_covariance
-from pretouch_orchestrator.planning.envelope import SAFE, Margins, compute_reach, compute_tip_floor, lateral_std
+from pretouch_orchestrator.planning.tip_floor import SAFE, Margins, compute_reach, compute_tip_floor, lateral_std
 
 _OCCLUDER_MARGIN = 0.06
 """m beyond the path's reach within which things may occlude the surface below the path."""
@@ -43,7 +43,7 @@ def plan_paths(
 
     Seen from above, the path follows the surface points of the perimeter's pixels, corrected by the present estimate.
     It crosses depth jumps, and pixels that show neither object nor table, in straight lines; the parts far from the
-    object are cut off. Its height clears everything that the camera saw or that may be hidden from it (`envelope`).
+    object are cut off. Its height clears everything that the camera saw or that may be hidden from it (`tip_floor`).
 
     Args:
         scene: the view; `rectangles` are in its pixels.

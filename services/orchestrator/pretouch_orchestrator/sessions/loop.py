@@ -19,8 +19,8 @@ from pretouch.tof import RangeSamples, Scan
 from pretouch.trajectory import Trajectory
 from pretouch_orchestrator.perception.clusters import find_specks
 from pretouch_orchestrator.perception.segmentation import find_object
-from pretouch_orchestrator.planning.envelope import SAFE, Margins
 from pretouch_orchestrator.planning.path import plan_paths
+from pretouch_orchestrator.planning.tip_floor import SAFE, Margins
 from pretouch_orchestrator.sessions.budget import find_limit, select_affordable
 from pretouch_orchestrator.sessions.endings import end_session, exhaust_session, has_converged
 from pretouch_orchestrator.sessions.record import Record

@@ -2,8 +2,8 @@
 
 Each beam is carried back to where the camera would have put it, and its residual there (`residuals`) gives a cost by
 the robust kernel. The costs, weighted and divided by the problem's temperature, are the negative log likelihood; with
-the prior's cost that is the energy. For a wide beam, each hypothesis about its response (`cone`) has a likelihood for
-all samples together, and the likelihood is the mean of those.
+the prior's cost that is the energy. For a wide beam, each hypothesis about its response (`beam_response`) has a
+likelihood for all samples together, and the likelihood is the mean of those.
 """
 
 from __future__ import annotations

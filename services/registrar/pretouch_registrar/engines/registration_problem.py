@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pretouch.estimate import Prior
 from pretouch.geometry import Array
 from pretouch.tof import Scan, Sensor
+from pretouch_registrar.engines.beam_response import Cone, make_cone, make_thin_beam
 from pretouch_registrar.engines.camera_model import CameraModel, Footprint, Pixels
 from pretouch_registrar.engines.camera_noise import PATCH, CameraNoise
-from pretouch_registrar.engines.cone import Cone, make_cone, make_thin_beam
 from pretouch_registrar.engines.patches import Patches, SharedError, compute_sample_weights, find_patches
 
 SURFACE_STD, TABLE_STD, EDGE_STD, RIM_STD = 0.0012, 0.0007, 0.0022, 0.001

@@ -13,9 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
+from pretouch_registrar.engines.beam_response import Cone
 from pretouch_registrar.engines.camera_model import CELL, Footprint
 from pretouch_registrar.engines.compiled import NO_REFERENCES
-from pretouch_registrar.engines.cone import Cone
 from pretouch_registrar.engines.correction import Vector
 from pretouch_registrar.engines.registration_problem import Noise, Target
 from pretouch_registrar.engines.robust_kernel import CAP_BEHIND, CAP_FRONT, robust_cost

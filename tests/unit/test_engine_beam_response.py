@@ -8,8 +8,8 @@ from helpers.scenes import KINECT, Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.engines import camera_model
+from pretouch_registrar.engines.beam_response import CALIBRATION_DISTANCE, Cone, make_cone, make_thin_beam
 from pretouch_registrar.engines.camera_model import CameraModel
-from pretouch_registrar.engines.cone import CALIBRATION_DISTANCE, Cone, make_cone, make_thin_beam
 from pretouch_registrar.engines.registration_problem import build_problem
 from pretouch_registrar.engines.residuals.cone import make_spot, spot_residual, trace_spot
 

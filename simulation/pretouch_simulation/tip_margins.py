@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from pretouch_orchestrator.planning.envelope import SAFE, Margins
+from pretouch_orchestrator.planning.tip_floor import SAFE, Margins
 
 
 class TipHeight(StrEnum):
