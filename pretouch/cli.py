@@ -173,6 +173,8 @@ def _up(
         log_level=log_level,
     )
     stack = Stack(settings, rest_port, gateway_port, state or home, tuple(device or ()))
+    if sys.stderr.isatty():
+        print("Starting the services; the first start on a machine compiles for a minute or two.", file=sys.stderr)
     asyncio.run(up(stack, lambda line: print(line, flush=True)))
 
 
@@ -190,14 +192,15 @@ def _healthcheck(
     from grpc_health.v1 import health_pb2, health_pb2_grpc
 
     from pretouch.channel import open_sync_channel
+    from pretouch.errors import from_rpc_error
 
     target = address or f"127.0.0.1:{os.environ.get('PRETOUCH_PORT') or _PORTS['orchestrator']}"
     with open_sync_channel(target, None, tls_ca, tls_cert, tls_key) as channel:
         try:
             answer = health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest(), timeout=timeout)
         except grpc.RpcError as error:
-            print(f"{target}: {error.details()}", file=sys.stderr)
-            raise typer.Exit(1) from error
+            explained = from_rpc_error(error)
+            raise Unavailable(f"{target}: {explained.detail}", explained.remedy) from error
     status = health_pb2.HealthCheckResponse.ServingStatus.Name(answer.status)
     print(f"{target}: {status}")
     raise typer.Exit(0 if answer.status == health_pb2.HealthCheckResponse.SERVING else 1)

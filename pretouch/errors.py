@@ -150,6 +150,12 @@ def from_problem(document: dict[str, Any]) -> PretouchError:
     return kind(str(document.get("detail", "")), str(document.get("remedy", "")))
 
 
+_UNREACHABLE = (
+    "Check that the service runs at the given address, and TLS: with it or without it as the service, and with a "
+    "client certificate if it asks for one. Then try again."
+)
+
+
 def from_rpc_error(error: grpc.RpcError) -> PretouchError:
     """The error behind a failed gRPC call: from its problem metadata, else from its status code."""
     metadata = error.trailing_metadata() if hasattr(error, "trailing_metadata") else None
@@ -159,7 +165,7 @@ def from_rpc_error(error: grpc.RpcError) -> PretouchError:
     code = error.code() if hasattr(error, "code") else _C.UNKNOWN
     detail = (error.details() if hasattr(error, "details") else None) or str(error)
     if code in (_C.UNAVAILABLE, _C.CANCELLED):
-        return Unavailable(detail, "Check that the service runs at the given address, then try again.")
+        return Unavailable(detail, _UNREACHABLE)
     for kind, wire in WIRE.items():
         if wire.grpc_code is code:
             return kind(detail)

@@ -135,5 +135,6 @@ def _serve_metrics(stack: AsyncExitStack, context: ServiceContext, settings: Set
 def _cannot_listen(address: str) -> Unavailable:
     return Unavailable(
         f"The service cannot listen on {address}.",
-        "Choose a free port and an address of this machine; another service may already run there.",
+        "Choose a free port (--port; of pretouch up --rest-port, --grpc-port or --gateway-port) and an address of this "
+        "machine; another service may already run there.",
     )

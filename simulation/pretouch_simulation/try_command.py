@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
+from pretouch_orchestrator.perception.segmentation import USUAL_DEPTH
 from pretouch_orchestrator.sessions.record import Record
 from rich.console import Console
 from rich.table import Table
@@ -16,11 +16,10 @@ from pretouch.camera import Camera, DepthImage
 from pretouch.client.images import load_depth, load_mask
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Plane
+from pretouch.results import check_file
 from pretouch_simulation.try_picture import save_try_picture
 from pretouch_simulation.try_session import OwnImage, open_session
 
-_USUAL_DEPTH = (0.2, 5.0)
-"""m: a median depth beyond this is most often a wrong scale."""
 _LARGE = 1.0
 """m: an object that is larger is most often a wrong scale, or more than one object."""
 _FLAT = 15.0
@@ -61,7 +60,9 @@ def try_image(
 
     Where the camera stands is not asked: the table is taken to be level.
     """
-    _check_writable(out)
+    if out.suffix.lower() != ".png":
+        raise InvalidInput(f"{out} is no .png file.", "Give --out FILE.png.")
+    check_file(out)
     camera = _camera({"fx": fx, "fy": fy, "cx": cx, "cy": cy})
     values = load_depth(depth)
     scale = depth_scale if depth_scale is not None else 0.001 if values.dtype == np.uint16 else 1.0
@@ -84,16 +85,6 @@ def try_image(
     told.print(f"{out}: the object with its regions, and the first scan from above and from the side.")
 
 
-def _check_writable(out: Path) -> None:
-    if out.suffix.lower() != ".png":
-        raise InvalidInput(f"{out} is no .png file.", "Give --out FILE.png.")
-    folder = out.parent
-    if not folder.is_dir():
-        raise InvalidInput(f"There is no folder {folder} for {out.name}.", "Make it, or give --out another path.")
-    if out.is_dir() or not os.access(out if out.exists() else folder, os.W_OK):
-        raise InvalidInput(f"{out} cannot be written.", "Give --out another path.")
-
-
 def _camera(intrinsics: dict[str, float | None]) -> Camera:
     given = {name: value for name, value in intrinsics.items() if value is not None}
     missing = [f"--{name}" for name in intrinsics if name not in given]
@@ -112,7 +103,7 @@ def _warn_of_scale(image: OwnImage, scale: float, told: Console) -> None:
     if not len(seen):
         return
     middle = float(np.median(seen))
-    if not _USUAL_DEPTH[0] <= middle <= _USUAL_DEPTH[1]:
+    if not USUAL_DEPTH[0] <= middle <= USUAL_DEPTH[1]:
         told.print(
             f"Warning: with a depth scale of {scale:g} the image is {middle:.3g} m away in the median. Check "
             "--depth-scale: 0.001 for millimetres, 0.0001 for tenths of them, 1 for metres."
@@ -139,7 +130,10 @@ def _warn_of_view(record: Record, image: OwnImage, told: Console) -> None:
         )
     u0, v0, u1, v1 = _bounds(record)
     if u0 == 0 or v0 == 0 or u1 == image.depth.width or v1 == image.depth.height:
-        told.print("Warning: the object reaches the image's edge. Take an image that shows all of it.")
+        told.print(
+            "Warning: the object reaches the image's edge. If it is another thing than yours, give --mask or --roi; "
+            "else take an image that shows all of it."
+        )
 
 
 def _table(record: Record, image: OwnImage) -> Table:

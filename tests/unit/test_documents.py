@@ -52,6 +52,18 @@ def test_every_link_leads_somewhere() -> None:
     assert [problem for document in documents for problem in broken_links(document)] == []
 
 
+def test_every_file_that_is_named_is_there() -> None:
+    folders = {path.relative_to(ROOT).parts[0] for path in tracked("*.py", "*.md")} - {"pretouch"}
+    name = re.compile(rf"`((?:{'|'.join(sorted(folders))})/[\w./-]+\.\w+)`")
+    missing = [
+        f"{document.relative_to(ROOT)}: {named}"
+        for document in tracked("*.md")
+        for named in name.findall(FENCE.sub("", document.read_text()))
+        if not (ROOT / named).exists()
+    ]
+    assert missing == []
+
+
 def test_a_broken_link_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(f"{__name__}.ROOT", tmp_path)
     page = tmp_path / "page.md"

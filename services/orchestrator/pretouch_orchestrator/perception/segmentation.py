@@ -25,6 +25,10 @@ _MAX_FOOT = 0.03
 _OUTLINE_MARGIN = 0.01
 """m inside the outline of the visible table within which at least half of an object lies, unlike a wall behind it."""
 _MAX_CLUSTERS = 20
+USUAL_DEPTH = (0.2, 5.0)
+"""m: a median depth outside is most often in a wrong unit."""
+_MAX_MASK_SHARE = 0.6
+"""Share of the depth above which a mask holds more than an object."""
 
 
 def find_object(
@@ -54,14 +58,25 @@ def find_object(
     if mask is not None:
         mask = _validate_mask(mask, area, seen)
     points = camera.back_project_image(depth.metres)
-    if table is not None:
-        plane = table.moved(base_T_camera.inverse())
-    else:
-        plane = _find_table(points, seen, area if roi is not None else None, mask)
-        table = plane.moved(base_T_camera)
-    if mask is None:
-        mask = _segment_standing_object(depth.metres, points, plane, area & seen)
+    try:
+        if table is not None:
+            plane = table.moved(base_T_camera.inverse())
+        else:
+            plane = _find_table(points, seen, area if roi is not None else None, mask)
+            table = plane.moved(base_T_camera)
+        if mask is None:
+            mask = _segment_standing_object(depth.metres, points, plane, area & seen)
+    except InvalidInput as error:
+        raise InvalidInput(error.detail, error.remedy + _hint_at_scale(depth)) from error
     return Scene(depth, camera, base_T_camera, mask, table)
+
+
+def _hint_at_scale(depth: DepthImage) -> str:
+    """A sentence that names the depth's unit as the probable cause; empty if distances are usual."""
+    median = float(np.median(depth.metres[depth.metres > 0]))
+    if USUAL_DEPTH[0] <= median <= USUAL_DEPTH[1]:
+        return ""
+    return f" The image is {median:.3g} m away in the median: check depth_scale, metres of one stored unit."
 
 
 def _roi_to_mask(depth: DepthImage, roi: tuple[int, int, int, int] | None) -> Pixels:
@@ -108,9 +123,13 @@ def _find_table(points: Array, seen: Pixels, area: Pixels | None, mask: Pixels |
         plane = fit_table(points[pixels], below_weight)
         if plane is not None and (mask is None or np.median(plane.height(points[mask & seen])) > 0):
             return plane
+    if mask is not None and (share := float(mask[seen].mean())) > _MAX_MASK_SHARE:
+        raise InvalidInput(
+            f"No table was found: the mask covers {share:.0%} of the depth image.", "Mark the object's pixels alone."
+        )
     raise InvalidInput(
         "No table was found in the depth image.",
-        'Send "table": its unit normal away from the table and its offset, in base, or a view with more of the table.',
+        "Give the table, by its unit normal and offset, or a view with more of the table.",
     )
 
 
@@ -144,7 +163,7 @@ def _segment_standing_object(depth: NDArray[np.float32], points: Array, table: P
             return pixels
     raise InvalidInput(
         "Nothing stands on the table within the view, or within the roi if one was sent.",
-        "Send a mask or another roi, and check that the table's normal points towards the camera.",
+        "Give a mask or another roi, and check that the table's normal points towards the camera.",
     )
 
 
