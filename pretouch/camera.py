@@ -6,6 +6,7 @@ Camera frame: x right, y down, z forward; pixel centres at integers; no distorti
 from __future__ import annotations
 
 import io
+import struct
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from PIL import Image
 from pretouch.errors import InvalidInput, Malformed, TooLarge
 from pretouch.geometry import Array, frozen_array
 
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_PIXELS = 4_000_000
 MAX_DEPTH = 10_000.0
 """m; more is a wrong scale."""
@@ -184,14 +186,12 @@ def decode_png(data: bytes, name: str) -> NDArray[np.generic]:
         Malformed: not a PNG, or damaged.
         TooLarge: more than MAX_PIXELS pixels.
     """
+    if data.startswith(_PNG_SIGNATURE) and len(data) >= 24:
+        width, height = struct.unpack(">II", data[16:24])
+        if width * height > MAX_PIXELS:
+            raise TooLarge(f"The {name} has {width * height} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
     try:
         with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
-            if image.width * image.height > MAX_PIXELS:
-                raise TooLarge(
-                    f"The {name} has {image.width * image.height} pixels; the limit is {MAX_PIXELS}.", "Crop it."
-                )
             return np.array(image)
-    except TooLarge:
-        raise
     except Exception as error:  # Pillow raises many kinds on damaged files
         raise Malformed(f"The {name} is not a readable PNG.", f"Send the {name} as a PNG file.") from error

@@ -13,6 +13,7 @@ import os
 import sys
 from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points, version
+from io import TextIOWrapper
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import Annotated, Any, NoReturn
@@ -157,6 +158,7 @@ def _up(
     tls_key: ServerKey = None,
     tls_client_ca: ClientCa = None,
     log_level: LogLevel = "warning",
+    until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
     """Run all four services of one machine until Ctrl-C or SIGTERM."""
     from pretouch.serving.settings import Settings
@@ -175,7 +177,7 @@ def _up(
     stack = Stack(settings, rest_port, gateway_port, state or home, tuple(device or ()))
     if sys.stderr.isatty():
         print("Starting the services; the first start on a machine compiles for a minute or two.", file=sys.stderr)
-    asyncio.run(up(stack, lambda line: print(line, flush=True)))
+    asyncio.run(up(stack, lambda line: print(line, flush=True), until_stdin_closes=until_stdin_closes))
 
 
 def _healthcheck(
@@ -292,6 +294,9 @@ def _find_called_command() -> str | None:
 
 def main() -> None:
     """Runs the command line; an error is printed in two lines, with exit code 2 if what the user gave caused it."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # closed streams are None
+            stream.reconfigure(errors="replace")  # a terminal of ASCII still gets the numbers
     called = _find_called_command()
     try:
         _app(called)(prog_name="pretouch")

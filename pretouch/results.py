@@ -34,6 +34,10 @@ def check_file(path: Path) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=path.parent):
                 pass
+        if path.is_fifo():
+            raise OSError(errno.EINVAL, "it is a pipe")
+        if len(os.fsencode(path.name)) > 255:
+            raise OSError(errno.ENAMETOOLONG, "its name is too long")
         if path.exists() and not os.access(path, os.W_OK):
             raise PermissionError(errno.EACCES, "it may not be changed")
     except OSError as error:
@@ -47,6 +51,8 @@ def check_folder(path: Path) -> None:
         InvalidInput: they cannot.
     """
     try:
+        if path.exists() and not path.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, "it is not a folder")
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
@@ -63,6 +69,8 @@ def write_json(path: Path, document: Any) -> None:
     text = json.dumps(document, indent=1) + "\n"
     try:
         if path == STANDARD_OUTPUT:
+            if sys.stdout is None:
+                raise OSError(errno.EBADF, "it is closed")
             sys.stdout.write(text)
             sys.stdout.flush()
         elif _is_special(path):

@@ -8,6 +8,7 @@ from pathlib import Path
 import grpc
 
 from pretouch.errors import InvalidInput
+from pretouch.regular_file import check_regular_file
 
 
 def server_credentials(cert: Path, key: Path, client_ca: Path | None) -> grpc.ServerCredentials:
@@ -39,6 +40,8 @@ def channel_credentials(ca: Path, cert: Path | None, key: Path | None) -> grpc.C
 
 def _pair(cert: Path, key: Path) -> tuple[bytes, bytes]:
     """The PEM bytes of a key and of its certificate chain, in gRPC's order."""
+    check_regular_file(cert)
+    check_regular_file(key)
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key, password=lambda: b"")
         return key.read_bytes(), cert.read_bytes()
@@ -51,6 +54,7 @@ def _pair(cert: Path, key: Path) -> tuple[bytes, bytes]:
 
 def _authority(path: Path) -> bytes:
     """The PEM bytes of the authorities to trust."""
+    check_regular_file(path)
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(path)
         return path.read_bytes()

@@ -13,10 +13,13 @@ from PIL import Image
 
 from pretouch.camera import decode_depth, decode_png
 from pretouch.errors import InvalidInput
+from pretouch.regular_file import read_regular_file
 
 ImageLike = NDArray[Any] | bytes | str | PathLike[str]
 """An array (h, w), the bytes of a PNG or .npy file, or the path of one."""
 
+_MAX_BYTES = 64 * 1024**2
+"""Of a file: more than any image within the services' limits."""
 _NPY = "application/x-npy"
 
 
@@ -64,10 +67,7 @@ def _mask_array(mask: NDArray[Any]) -> NDArray[np.uint8]:
 def _read(image: bytes | str | PathLike[str]) -> bytes:
     if isinstance(image, bytes):
         return image
-    try:
-        return Path(image).read_bytes()
-    except OSError as error:
-        raise InvalidInput(f"The image {image} cannot be read: {error.strerror}.", "Give a readable file.") from error
+    return read_regular_file(Path(image), _MAX_BYTES)
 
 
 def _png(values: NDArray[Any]) -> bytes:

@@ -118,7 +118,10 @@ class Child:
 
     async def _end(self, process: Process) -> None:
         with suppress(ProcessLookupError):
-            process.terminate()
+            if self._served.is_set():
+                process.terminate()
+            else:  # it has nothing to drain, and may be compiling, which nothing interrupts
+                process.kill()
         try:
             async with asyncio.timeout(_KILL_AFTER):
                 await self._follow(process)

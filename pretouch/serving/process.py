@@ -6,10 +6,23 @@ import asyncio
 import os
 import signal
 import sys
+from collections.abc import Callable
 
 from pretouch.serving.logs import configure_logs
 from pretouch.serving.server import Running, started
 from pretouch.serving.settings import Settings
+
+
+def call_when_stdin_closes(stop: Callable[[], None]) -> None:
+    """Calls `stop` in the running loop once standard input, a pipe from the parent process, closes."""
+    loop, stdin = asyncio.get_running_loop(), sys.stdin.fileno()
+
+    def on_stdin() -> None:
+        if not os.read(stdin, 4096):
+            loop.remove_reader(stdin)
+            stop()
+
+    loop.add_reader(stdin, on_stdin)
 
 
 async def serve(name: str, running: Running, settings: Settings, *, until_stdin_closes: bool = False) -> None:
@@ -37,13 +50,7 @@ async def serve(name: str, running: Running, settings: Settings, *, until_stdin_
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop)
     if until_stdin_closes:
-
-        def on_stdin() -> None:
-            if not os.read(sys.stdin.fileno(), 4096):
-                loop.remove_reader(sys.stdin.fileno())
-                stop()
-
-        loop.add_reader(sys.stdin.fileno(), on_stdin)
+        call_when_stdin_closes(stop)
     try:
         async with started(name, running, settings) as service:
             warm = True

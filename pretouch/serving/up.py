@@ -19,6 +19,7 @@ from pretouch.errors import DeadlineExceeded, InvalidInput
 from pretouch.results import check_folder
 from pretouch.serving.child import Child
 from pretouch.serving.logs import configure_logs
+from pretouch.serving.process import call_when_stdin_closes
 from pretouch.serving.settings import Settings
 from pretouch.tls import server_credentials
 
@@ -64,10 +65,15 @@ class Stack:
                 raise InvalidInput(
                     f"The device {device!r} is not name=port.", "Give a name and a path or URL: finger=/dev/ttyACM0."
                 )
+        names = [device.partition("=")[0] for device in self.devices]
+        if len(set(names)) < len(names):
+            raise InvalidInput(f"Two devices have the same name: {', '.join(names)}.", "Give each its own name.")
 
 
-async def up(stack: Stack, announce: Callable[[str], None]) -> None:
+async def up(stack: Stack, announce: Callable[[str], None], *, until_stdin_closes: bool = False) -> None:
     """Runs `stack` until SIGTERM or SIGINT; `announce` is given one line once all services are ready.
+
+    `until_stdin_closes` ends it too when standard input does, so that it cannot outlive who started it.
 
     Raises:
         InvalidInput: TLS material that cannot be used, or a state directory that cannot be written.
@@ -92,6 +98,8 @@ async def up(stack: Stack, announce: Callable[[str], None]) -> None:
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop)
+    if until_stdin_closes:
+        call_when_stdin_closes(stop)
     children: list[Child] = []
     try:
         async with asyncio.timeout(_READY_WITHIN):
@@ -152,8 +160,13 @@ def _reachable_address(host: str) -> str:
 
 
 def _free_port(host: str) -> int:
-    with socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET) as server:
-        return int(server.getsockname()[1])
+    try:
+        with socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET) as server:
+            return int(server.getsockname()[1])
+    except OSError as error:
+        raise InvalidInput(
+            f"{host} is no address of this machine: {error.strerror}.", "Give 127.0.0.1, or 0.0.0.0 for all."
+        ) from error
 
 
 def _forward(level: str) -> Callable[[bytes, dict[str, Any]], None]:

@@ -56,9 +56,9 @@ class Services:
             errors = self._stack.enter_context(log.open("wb"))
             with interrupts_held_back():
                 process = subprocess.Popen(
-                    [sys.executable, "-m", "pretouch", "up", *options],
+                    [sys.executable, "-m", "pretouch", "up", "--until-stdin-closes", *options],
                     env=self._environment,
-                    stdin=subprocess.DEVNULL,
+                    stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=errors,
                     start_new_session=True,  # a Ctrl-C is the demo's, which ends them in order
@@ -82,8 +82,9 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     except (subprocess.TimeoutExpired, KeyboardInterrupt):
         process.kill()  # its services end with it
         process.wait()
-    assert process.stdout is not None
-    process.stdout.close()
+    for pipe in (process.stdin, process.stdout):
+        assert pipe is not None
+        pipe.close()
 
 
 def _first_line(process: subprocess.Popen[bytes], log: Path) -> bytes:

@@ -115,7 +115,7 @@ def test_the_orchestrators_help_names_its_variables() -> None:
         (("up", "--tls-cert", "c.pem"), {}, "certificate or a key, but not both"),
         (("up",), {"PRETOUCH_TLS_CERT": "/none/c.pem", "PRETOUCH_TLS_KEY": "/none/k.pem"}, "/none/c.pem"),
         (("up", "--state", "/proc/state"), {}, "/proc/state cannot be written"),
-        (("up", "--config", "/none/up.toml"), {}, "/none/up.toml cannot be read"),
+        (("up", "--config", "/none/up.toml"), {}, "no file /none/up.toml"),
         (("healthcheck", "nowhere"), {}, "'nowhere' is not a gRPC address"),
     ],
 )

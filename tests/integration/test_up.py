@@ -72,6 +72,7 @@ def brought_up(folder: Path, *options: str, **environment: str) -> Iterator[Up]:
     with (folder / "up.log").open("w") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "pretouch", "up", "--state", str(folder / "state"), *options],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,
@@ -146,6 +147,16 @@ def test_a_signal_during_the_start_ends_it_cleanly(tmp_path: Path) -> None:
         assert up.first_line() == ""
 
 
+def test_it_ends_with_whoever_holds_its_standard_input_if_told_so(tmp_path: Path) -> None:
+    with brought_up(tmp_path, *FREE, "--until-stdin-closes") as up:
+        eventually(lambda: len(up.children()) >= 3)
+        started = up.children()
+        assert up.process.stdin is not None
+        up.process.stdin.close()
+        assert up.process.wait(TIMEOUT) == 0
+        assert not any(alive(pid) for pid in started.values())
+
+
 def test_nothing_outlives_it_even_if_it_is_killed(tmp_path: Path) -> None:
     for_one_service = {"PRETOUCH_METRICS_PORT": "1", "PRETOUCH_PORT": "1"}
     authority = trustme.CA()
@@ -182,6 +193,16 @@ def test_a_taken_port_ends_it_with_a_reason(tmp_path: Path, option: str) -> None
             assert f"The {'gateway' if 'gateway' in option else 'orchestrator'} ended" in log
             assert "Traceback" not in log
             assert up.children() == {}
+
+
+def test_an_address_of_no_machine_and_a_name_used_twice_are_wrong_usage(tmp_path: Path) -> None:
+    for wrong, said in (
+        (("--device", "a=/dev/x", "--device", "a=/dev/y"), "same name"),
+        (("--host", "999.1.2.3"), "no address of this machine"),
+    ):
+        with brought_up(tmp_path, *FREE, *wrong) as up:
+            assert up.process.wait(READY_WITHIN) == 2
+            assert said in up.log.read_text()
 
 
 def test_a_device_that_is_none_ends_it_with_a_reason(tmp_path: Path) -> None:

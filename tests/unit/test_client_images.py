@@ -7,7 +7,7 @@ import pytest
 
 from pretouch.camera import decode_depth, decode_png
 from pretouch.client.images import encode_depth, encode_mask, load_depth, load_mask
-from pretouch.errors import InvalidInput
+from pretouch.errors import InvalidInput, NotFound, TooLarge
 
 MILLIMETRES = np.array([[0, 1, 65535], [800, 801, 802]], np.uint16)
 METRES = np.array([[0, np.nan], [0.8, 1e-3]], np.float32)
@@ -54,5 +54,14 @@ def test_a_mask_of_another_shape_is_refused() -> None:
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"missing\.png"):
+    with pytest.raises(NotFound, match=r"missing\.png"):
         encode_depth(tmp_path / "missing.png")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("side", [12_000, 30_000])
+def test_a_png_is_refused_for_its_size_before_it_is_decoded(side: int) -> None:
+    data = bytearray(encode_mask(MASK)[0])
+    data[16:24] = side.to_bytes(4, "big") * 2
+    with pytest.raises(TooLarge, match=f"mask has {side * side} pixels"):
+        decode_png(bytes(data), "mask")

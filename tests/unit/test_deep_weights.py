@@ -1,5 +1,6 @@
 """With unusable weights `deep` is not ready and gives the reason; other proposers still work."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -106,7 +107,11 @@ def test_naming_the_proposers_imports_no_onnxruntime_and_asking_deep_no_torch(tm
         "assert 'onnxruntime' in sys.modules\n"
         "sys.exit('torch' in sys.modules)"
     )
-    assert subprocess.run([sys.executable, "-c", script], timeout=120, check=False).returncode == 0
+    home = tmp_path / "home"
+    home.mkdir()
+    environment = os.environ | {"HOME": str(home)}
+    assert subprocess.run([sys.executable, "-c", script], timeout=120, check=False, env=environment).returncode == 0
+    assert list(home.iterdir()) == [], "onnxruntime's telemetry is on"
 
 
 def test_the_error_is_the_exponential_of_the_answer(tmp_path: Path) -> None:

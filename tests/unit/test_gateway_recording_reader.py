@@ -115,7 +115,7 @@ class TestCheck:
 
     def test_other_files(self, tmp_path: Path) -> None:
         path = tmp_path / "x.mcap"
-        assert_refused(path, "No such file")
+        assert_refused(path, "There is no file")
         path.write_text("t,range\n0,1\n")
         assert_refused(path, "no MCAP file")
         path.write_bytes(b"")
@@ -124,7 +124,7 @@ class TestCheck:
         assert_refused(path, "holds no ranges")
         path.write_bytes(written([b""], b"no descriptors"))
         assert_refused(path, "damaged")
-        assert_refused(tmp_path, "Is a directory")
+        assert_refused(tmp_path, "is a folder")
 
     def test_a_field_that_is_not_known_is_named(self, tmp_path: Path) -> None:
         path = tmp_path / "x.mcap"

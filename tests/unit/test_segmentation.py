@@ -52,6 +52,20 @@ def test_the_largest_thing_on_the_table_and_its_table_are_found(
     assert abs(scene.table.height(base_T_world.translation)) < 0.002
 
 
+@pytest.mark.parametrize("roi", [(200, 150, 100, 50), (0, 0, 0, 0), (-5, -5, 10, 10)])
+def test_a_roi_without_a_pixel_is_refused(roi: tuple[int, int, int, int]) -> None:
+    with pytest.raises(InvalidInput, match="holds no pixel"):
+        find_object(DepthImage(np.ones((480, 640), np.float32)), KINECT.camera, KINECT.base_T_camera, roi=roi)
+
+
+def test_a_wrong_unit_is_named_where_nothing_is_found() -> None:
+    far = DepthImage(np.full((480, 640), 9.0, np.float32))
+    with pytest.raises(InvalidInput) as caught:
+        find_object(far, KINECT.camera, KINECT.base_T_camera)
+    assert "9 m away" in caught.value.remedy
+    assert "depth_scale" in caught.value.remedy
+
+
 def test_the_roi_tells_which_object_is_meant() -> None:
     world = World((SMALL, BOX))
     depth, mask = world.depth(KINECT)

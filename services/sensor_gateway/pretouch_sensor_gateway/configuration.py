@@ -25,8 +25,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pretouch.errors import InvalidInput
+from pretouch.errors import InvalidInput, NotFound, TooLarge
 from pretouch.geometry import Pose
+from pretouch.regular_file import read_regular_file
 from pretouch.wire.reader import Members, prefix_errors, read_pose
 from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import Calibration
@@ -37,6 +38,7 @@ from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, create_par
 VARIABLE = "PRETOUCH_GATEWAY_DEVICES"
 _NAME = re.compile(r"[\w.-]{1,64}")
 _REPLAY = "replay:"
+_MAX_BYTES = 1_000_000
 _REMEDY = (
     f"Set {VARIABLE} to name=port,name=port, or to the path of a .toml file: a name is of letters, digits, "
     "'-', '_' and '.'."
@@ -119,9 +121,13 @@ def load_configuration(environment: Mapping[str, str]) -> GatewaySetting:
 
 def _read_file(path: Path) -> GatewaySetting:
     try:
-        document = tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InvalidInput(f"The gateway's configuration {path} cannot be read: {error}.", _REMEDY) from error
+        document = tomllib.loads(read_regular_file(path, _MAX_BYTES).decode())
+    except (NotFound, TooLarge) as error:
+        raise InvalidInput(f"The gateway's configuration cannot be read. {error.detail}", _REMEDY) from error
+    except ValueError as error:  # TOML, or the encoding
+        raise InvalidInput(
+            f"The gateway's configuration {path} cannot be read: it is not TOML: {error}.", _REMEDY
+        ) from error
     with prefix_errors(str(path)):
         members = Members(document, "", ("recordings", "devices"))
         recordings = path.parent / members.text("recordings") if "recordings" in members else None

@@ -8,6 +8,7 @@ It consists of `scorer.onnx` and of `scorer.json`, which describes the network's
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -136,7 +137,11 @@ def _read_description(path: Path) -> dict[str, Any]:
 
 
 def _open_session(path: Path, threads: int) -> Any:
-    """An onnxruntime session of the graph."""
+    """An onnxruntime session of the graph.
+
+    From 1.32 on onnxruntime sends telemetry to its maker unless this variable is set before it is imported.
+    """
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
     try:
         import onnxruntime
     except ImportError as error:

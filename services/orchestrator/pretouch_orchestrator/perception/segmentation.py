@@ -84,6 +84,10 @@ def _roi_to_mask(depth: DepthImage, roi: tuple[int, int, int, int] | None) -> Pi
     if roi is None:
         return area
     u0, v0, u1, v1 = roi
+    if not (0 <= u0 < u1 and 0 <= v0 < v1):
+        raise InvalidInput(
+            f"roi {list(roi)} holds no pixel.", "Give [u0, v0, u1, v1] with 0 <= u0 < u1 and 0 <= v0 < v1."
+        )
     if u0 >= depth.width or v0 >= depth.height:
         raise InvalidInput(
             f"roi {list(roi)} lies outside the image of {depth.width} x {depth.height} pixels.",

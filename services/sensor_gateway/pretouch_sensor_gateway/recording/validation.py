@@ -7,7 +7,8 @@ from pathlib import Path
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorSet
 from google.protobuf.message import DecodeError
 
-from pretouch.errors import InvalidInput
+from pretouch.errors import InvalidInput, NotFound
+from pretouch.regular_file import check_regular_file
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch_sensor_gateway.recording.channels import Channel, schema_of
 from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
@@ -22,6 +23,10 @@ def check_recording(path: Path) -> pb.DeviceConfiguration:
     Raises:
         InvalidInput: it cannot be read, is no MCAP file, or holds no batch of ranges that this gateway knows.
     """
+    try:
+        check_regular_file(path)
+    except NotFound as error:
+        raise InvalidInput(f"The recording cannot be read. {error.detail}", "Give the path of an MCAP file.") from error
     configuration = pb.DeviceConfiguration()
     reader = RecordingReader(path)
     try:
