@@ -79,7 +79,7 @@ class NpzFile:
 
     def numbers(self, key: str, shape: tuple[int | None, ...]) -> Array:
         """The array `key` as finite float64 of this shape; None stands for any length."""
-        with np.errstate(over="ignore"):  # a longer type's numbers become infinite, which is refused
+        with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite or NaN is refused
             return frozen_array(self.array(key), shape, f"{self.name}: {key}")
 
     def number(self, key: str) -> float:
