@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +77,23 @@ def pcd(data: str, body: str, **changes: str) -> str:
         "HEIGHT": "1", "VIEWPOINT": "0 0 0 1 0 0 0", "POINTS": "2", "DATA": data,
     } | changes  # fmt: skip
     return "# .PCD v0.7\n" + "".join(f"{key} {value}\n" for key, value in header.items()) + body
+
+
+def glb_of(document: str, version: int = 2) -> bytes:
+    """A GLB file of this JSON alone."""
+    chunk = document.encode() + b" " * (-len(document) % 4)
+    header = b"glTF" + np.array([version, 20 + len(chunk), len(chunk)], "<u4").tobytes()
+    return header + b"JSON" + chunk
+
+
+def zip_of(member: str, content: bytes, stated_size: int | None = None) -> bytes:
+    """A ZIP archive of one member, whose directory may state another size than it has."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr(member, content)
+        if stated_size is not None:
+            archive.filelist[0].file_size = stated_size
+    return stream.getvalue()
 
 
 def faces_file(tmp_path: Path, binary: bool) -> Path:

@@ -199,6 +199,13 @@ def test_not_a_number_has_many_spellings(tmp_path: Path, nan: str, name: str) ->
     assert read.remarks == ("points without coordinates left out: 1.",)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_signalling_nan_is_no_data_without_a_warning(tmp_path: Path) -> None:
+    rows = np.array([[0x7FA00000] * 3, [0, 0, 0]], dtype="<u4").tobytes()
+    read = read_shape(written(tmp_path / "a.pcd", pcd("binary", "").encode() + rows))
+    np.testing.assert_array_equal(read.points, [[0, 0, 0]])
+
+
 def test_the_shared_files_of_other_tools_are_read_or_refused_for_the_true_cause() -> None:
     beside = Path(__file__).resolve().parents[3] / "shared"
     folder = Path(os.environ.get("PRETOUCH_SHARED", beside)) / "data" / "cases" / "files"

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import gzip
+import subprocess
+import sys
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from helpers.point_files import MESH_PLY, PLY, ROWS, STL, XYZ, faces_file, pcd, written
+from helpers.point_files import MESH_PLY, PLY, ROWS, STL, XYZ, faces_file, glb_of, pcd, written, zip_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.files import read_shape
@@ -123,12 +125,47 @@ SAID: dict[str, tuple[str, bytes | str, str]] = {
     "a binary stl that ends": ("a.stl", bytes(80) + b"\2\0\0\0" + bytes(60), "after 1 of the 2 triangles"),
     "a pcd without y": ("a.pcd", pcd("ascii", "", FIELDS="x q z"), "have no y"),
     "a pcd of another kind": ("a.pcd", pcd("zip", ""), "DATA 'zip'"),
+    "a list as long as a float": (
+        "a.ply",
+        MESH_PLY.replace("list uchar", "list float") + ROWS,
+        "line 9: the length of the list vertex_index is of type float",
+    ),
+    "a viewpoint of two": ("a.pcd", pcd("ascii", "0 0 0\n1 1 1\n", VIEWPOINT="1 2"), "line 9: VIEWPOINT is '1 2'"),
+    "a viewpoint of words": ("a.pcd", pcd("ascii", "0 0 0\n1 1 1\n", VIEWPOINT="a b c"), "line 9: VIEWPOINT"),
+    "a viewpoint of NaN": ("a.pcd", pcd("ascii", "0 0 0\n1 1 1\n", VIEWPOINT=7 * "nan "), "line 9: VIEWPOINT"),
     "gzip": ("a.ply", gzip.compress(b"ply"), "compressed with gzip"),
     "zip": ("a.obj", b"PK\3\4 and more", "ZIP archive"),
     "UTF-16": ("a.obj", "v 0 0 0".encode("utf-16"), "UTF-16"),
     "Git LFS": ("a.stl", "version https://git-lfs.github.com/spec/v1\n", "Git LFS"),
     "nothing": ("a.ply", "", "is empty"),
     "an OFF of two dimensions": ("a.off", "OFF\n2 0 0\n0 0\n1 1\n", "line 3: it holds 2 numbers"),
+    "a glb of 12 bytes": ("a.glb", b"glTF\2\0\0\0\x0c\0\0\0", "a.glb is damaged"),
+    "a glb of no document": ("a.glb", glb_of("null"), "a.glb is damaged"),
+    "a glb of deep brackets": ("a.glb", glb_of(200_000 * "["), "a.glb is damaged"),
+    "a glb whose scene is missing": ("a.glb", glb_of('{"scene": 7, "scenes": []}'), "a.glb is damaged"),
+    "a glb of version 1": ("a.glb", glb_of("{}", version=1), "glTF of version 1"),
+    "a glb in two files": (
+        "a.glb",
+        glb_of('{"buffers": [{"uri": "more.bin", "byteLength": 4}]}'),
+        "refers to another file, more.bin",
+    ),
+    "a glb that needs an extension": (
+        "a.glb",
+        glb_of('{"extensionsRequired": ["KHR_materials_unlit", "EXT_meshopt_compression"]}'),
+        "needs the extension EXT_meshopt_compression",
+    ),
+    "a glb of 10^12 points": (
+        "a.glb",
+        glb_of('{"accessors": [{"count": 1000000000000}]}'),
+        "more than 150000000 values",
+    ),
+    "a 3mf without a model": ("a.3mf", zip_of("thumbnail.png", b""), "holds no 3D/3dmodel.model"),
+    "a 3mf of spaces": ("a.3mf", zip_of("3D/3dmodel.model", b"   "), "a.3mf is damaged"),
+    "a 3mf that unpacks to more than fits": (
+        "a.3mf",
+        zip_of("3D/3dmodel.model", b"", stated_size=700_000_000),
+        "unpacks to 700000000 bytes",
+    ),
     "Draco": ("a.glb", b'glTF\2\0\0\0\0\0\0\0{"KHR_draco_mesh_compression"}', "Draco"),
 }
 
@@ -166,6 +203,28 @@ def test_what_is_no_file_is_not_found(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder.ply").mkdir()
     with pytest.raises(NotFound):
         read_shape(tmp_path / name)
+
+
+def test_no_warning_of_a_library_reaches_the_terminal(tmp_path: Path) -> None:
+    """In a process of its own, since pytest takes warnings and log lines for itself."""
+    model = '<model><resources/><build><item objectid="5"/></build></model>'
+    written(tmp_path / "a.3mf", zip_of("3D/3dmodel.model", model.encode()))
+    box = trimesh.Scene()
+    box.add_geometry(trimesh.creation.box(), transform=np.diag([1e308, 1e308, 1e308, 1.0]))
+    written(tmp_path / "a.glb", box.export(file_type="glb"))
+    reads = """
+import pathlib, sys
+from pretouch.errors import PretouchError
+from pretouch_registrar.files import read_shape
+for name in ("a.3mf", "a.glb"):
+    try:
+        read_shape(pathlib.Path(name))
+    except PretouchError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", reads], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    assert done.stdout == "a.3mf holds no triangles.\na.glb holds coordinates beyond 1e+06 m.\n"
 
 
 SCENES = {f".{kind}": trimesh.creation.box((0.1, 0.1, 0.1)).export(file_type=kind) for kind in ("glb", "3mf")}

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.camera import Camera, DepthImage
-from pretouch.errors import InvalidInput, Malformed
-from pretouch.geometry import Plane, Pose, frozen_array
+from pretouch.errors import InvalidInput
+from pretouch.geometry import Plane, Pose
 from pretouch.mesh_target import MAX_EXTENT, MeshTarget
 from pretouch.scene import Scene
 from pretouch.tof import MAX_SAMPLES, Scan
 from pretouch_registrar.cloud_scene import MAX_CLOUD, cloud_scene, find_table_below, thin_cloud
 from pretouch_registrar.files import read_shape
-from pretouch_registrar.files.content import read_bytes
+from pretouch_registrar.files.npz import NpzFile
 from pretouch_registrar.files.shape import check_size
 from pretouch_registrar.mesh_scene import mesh_scene
 
@@ -48,11 +46,10 @@ def read_target(path: Path, given: Given, say: Say) -> Scene:
         NotFound, Malformed, InvalidInput, TooLarge: see the message.
     """
     if path.suffix.lower() == ".npz":
-        arrays = _arrays(path)
-        if "depth" in arrays:
-            return _depth_scene(path.name, arrays, given, say)
-        points = frozen_array(_member(path.name, arrays, "points"), (None, 3), f"{path.name}: points")
-        return _scene_of_points(path.name, points, given, given.viewpoint, say)
+        file = NpzFile(path)
+        if "depth" in file:
+            return _depth_scene(file, given, say)
+        return _scene_of_points(path.name, file.numbers("points", (None, 3)), given, given.viewpoint, say)
     shape = read_shape(path)
     for remark in shape.remarks:
         say(f"{path.name}: {remark}")
@@ -76,9 +73,9 @@ def read_scan(path: Path, table: Plane, say: Say) -> Scan:
         NotFound, Malformed, InvalidInput: see the message.
     """
     if path.suffix.lower() == ".npz":
-        arrays = _arrays(path)
-        if "ranges" in arrays:
-            beams = [_member(path.name, arrays, name) for name in ("origins", "directions", "ranges")]
+        file = NpzFile(path)
+        if "ranges" in file:
+            beams = [file.array(key) for key in ("origins", "directions", "ranges")]
             if any(np.ndim(values) == 0 for values in beams) or len({len(values) for values in beams}) > 1:
                 raise InvalidInput(
                     f"{path.name}: origins, directions and ranges are not equally many.", "Write one of each a beam."
@@ -87,7 +84,7 @@ def read_scan(path: Path, table: Plane, say: Say) -> Scan:
             scan = Scan(*(values[kept] for values in beams))
             check_size(path.name, scan.origins, MAX_EXTENT)
             return scan
-        points = frozen_array(_member(path.name, arrays, "points"), (None, 3), f"{path.name}: points")
+        points = file.numbers("points", (None, 3))
     else:
         shape = read_shape(path)
         for remark in shape.remarks:
@@ -113,7 +110,9 @@ def _scene_of_points(
     table = given.table or _announce_table(name, find_table_below(cloud), say)
     if viewpoint is None:
         say(f"{name}: no viewpoint is known, so it is looked at from straight above; --viewpoint gives the camera's.")
-    return cloud_scene(cloud, table, None if viewpoint is None else np.asarray(viewpoint, dtype=np.float64))
+    scene = cloud_scene(cloud, table, None if viewpoint is None else np.asarray(viewpoint, dtype=np.float64))
+    _check_table(name, scene)
+    return scene
 
 
 def _announce_table(name: str, table: Plane, say: Say) -> Plane:
@@ -121,46 +120,31 @@ def _announce_table(name: str, table: Plane, say: Say) -> Plane:
     return table
 
 
-def _depth_scene(name: str, arrays: dict[str, NDArray[Any]], given: Given, say: Say) -> Scene:
-    depth = _member(name, arrays, "depth")
-
-    def number(key: str) -> float:
-        return float(frozen_array(_member(name, arrays, key), (), f"{name}: {key}"))
-
+def _depth_scene(file: NpzFile, given: Given, say: Say) -> Scene:
+    depth = file.array("depth")
     table = given.table
-    if table is None and "table" in arrays:
-        normal_offset = frozen_array(arrays["table"], (4,), f"{name}: table")
+    if table is None and "table" in file:
+        normal_offset = file.numbers("table", (4,))
         table = Plane(normal_offset[:3], float(normal_offset[3]))
     stored = depth.astype(np.float32) if depth.dtype.kind == "f" else depth
     scene = Scene(
-        DepthImage.from_values(stored, 1.0 if depth.dtype.kind == "f" else number("depth_scale")),
-        Camera(number("fx"), number("fy"), number("cx"), number("cy")),
-        Pose(frozen_array(_member(name, arrays, "base_T_camera"), (4, 4), f"{name}: base_T_camera")),
-        _member(name, arrays, "mask") != 0,
+        DepthImage.from_values(stored, 1.0 if depth.dtype.kind == "f" else file.number("depth_scale")),
+        Camera(file.number("fx"), file.number("fy"), file.number("cx"), file.number("cy")),
+        Pose(file.numbers("base_T_camera", (4, 4))),
+        file.array("mask", "biuf") != 0,
         table or Plane(np.array([0.0, 0.0, 1.0]), 0.0),
     )
-    check_size(name, scene.cloud, _LARGEST)
+    check_size(file.name, scene.cloud, _LARGEST)
     if table is None:
-        scene = replace(scene, table=_announce_table(name, find_table_below(scene.cloud), say))
+        scene = replace(scene, table=_announce_table(file.name, find_table_below(scene.cloud), say))
+    _check_table(file.name, scene)
     return scene.cropped(_CROP)[0]
 
 
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """All arrays of an .npz file; never unpickled."""
-    try:
-        loaded = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
-        return {key: loaded[key] for key in loaded.files}
-    except (ValueError, OSError, EOFError, BadZipFile, AttributeError, MemoryError, OverflowError) as error:
-        raise Malformed(f"{path.name} is not a readable .npz file.", "Write it with numpy.savez.") from error
-
-
-def _member(name: str, arrays: dict[str, NDArray[Any]], key: str) -> NDArray[Any]:
-    if key not in arrays:
-        found = ", ".join(sorted(arrays)) or "nothing"
-        raise InvalidInput(
-            f"{name} holds {found}, but no {key}.",
-            "Write a target as depth, fx, fy, cx, cy, base_T_camera and mask, with depth_scale where depth is not in "
-            "metres and table [nx, ny, nz, d] where it is known, or as points; a scan as origins, directions and "
-            "ranges, or as points.",
-        )
-    return arrays[key]
+def _check_table(name: str, scene: Scene) -> None:
+    """Raises InvalidInput if the table's plane has the camera or the whole object behind it."""
+    remedy = "Give the table as a unit normal that points away from it, towards the camera, and its offset: base, m."
+    if scene.table.height(scene.base_T_camera.translation) <= 0:
+        raise InvalidInput(f"{name}: the table's normal does not point to the camera's side.", remedy)
+    if scene.table.height(scene.cloud).max() < 0:
+        raise InvalidInput(f"{name}: nothing of the object stands above the table.", remedy)

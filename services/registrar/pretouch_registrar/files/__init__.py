@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from pretouch.errors import InvalidInput
 from pretouch_registrar.files.content import read_bytes
 from pretouch_registrar.files.obj import read_obj
@@ -40,6 +42,7 @@ def read_shape(path: Path) -> Shape:
     if reader is None:
         raise InvalidInput(f"{path.name} is no file of points.", f"Give one of .npz, {', '.join(_READERS)}.")
     try:
-        return reader(path.name, read_bytes(path))
+        with np.errstate(invalid="ignore"):  # numpy warns of signalling NaN, which is no data like any other
+            return reader(path.name, read_bytes(path))
     except (MemoryError, OverflowError) as error:
         raise InvalidInput(f"{path.name} is too large for this machine's memory.", "Thin it out.") from error

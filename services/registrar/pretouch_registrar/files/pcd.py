@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.errors import Malformed
+from pretouch.geometry import MAX_DISTANCE
 from pretouch_registrar.files.shape import Shape, check_count, cut_short, make_shape
 from pretouch_registrar.files.text_rows import TextRows
 
@@ -83,12 +84,21 @@ def _count(name: str, header: dict[str, list[str]]) -> int:
 
 def _viewpoint(header: dict[str, list[str]]) -> NDArray[np.float64] | None:
     """(3,); None if the file does not say, or says what is written where none is known."""
+    viewpoint = np.array(header.get("VIEWPOINT", _UNSAID), dtype=np.float64)
+    return None if np.array_equal(viewpoint, _UNSAID) else viewpoint[:3]
+
+
+def _check_viewpoint(name: str, line: int, words: list[str]) -> None:
+    """Raises Malformed unless `words` are a position, m, and a quaternion."""
     try:
-        viewpoint = np.array(header.get("VIEWPOINT", []), dtype=np.float64)
+        numbers = [float(word) for word in words]
     except ValueError:
-        return None
-    known = viewpoint.shape == (7,) and np.isfinite(viewpoint).all() and not np.array_equal(viewpoint, _UNSAID)
-    return viewpoint[:3] if known else None
+        numbers = []
+    if len(numbers) != 7 or not all(abs(number) <= MAX_DISTANCE for number in numbers):
+        raise Malformed(
+            f"{name}, line {line}: VIEWPOINT is {' '.join(words)[:60]!r}, not a position in metres and a quaternion.",
+            "Write 7 finite numbers: x y z qw qx qy qz; 0 0 0 1 0 0 0 where it is not known.",
+        )
 
 
 def _broken(name: str, how: str) -> Malformed:
@@ -97,15 +107,17 @@ def _broken(name: str, how: str) -> Malformed:
 
 def _header(name: str, data: bytes) -> tuple[dict[str, list[str]], int]:
     header: dict[str, list[str]] = {}
-    at = 0
+    at, number = 0, 0
     while at < min(len(data), _LONGEST_HEADER):
         end = data.find(b"\n", at)
         if end < 0:
             break
         words = data[at:end].decode("latin-1").split()
-        at = end + 1
+        at, number = end + 1, number + 1
         if words and not words[0].startswith("#"):
             header[words[0].upper()] = words[1:]
+            if words[0].upper() == "VIEWPOINT":
+                _check_viewpoint(name, number, words[1:])
             if words[0].upper() == "DATA":
                 return header, at
     raise _broken(name, "has no line DATA")

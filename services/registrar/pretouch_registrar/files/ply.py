@@ -100,6 +100,11 @@ def _header(name: str, data: bytes) -> tuple[str, list[_Element], int]:
                     order = _ORDERS[kind]
                 case ["element", element, count]:
                     elements.append(_Element(element, check_count(name, int(count))))
+                case ["property", "list", "float" | "float32" | "double" | "float64" as length, _, prop]:
+                    raise Malformed(
+                        f"{name}, line {number}: the length of the list {prop} is of type {length}, no whole number.",
+                        "Write it as: property list uchar int vertex_indices.",
+                    )
                 case ["property", "list", length, kind, prop]:
                     elements[-1].properties.append((prop, _TYPES[length], _TYPES[kind]))
                 case ["property", kind, prop]:

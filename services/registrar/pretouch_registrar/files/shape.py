@@ -83,7 +83,9 @@ def _check_corners(name: str, faces: NDArray[np.int64], good: NDArray[np.bool_])
 
 
 def check_size(name: str, points: Array, limit: float) -> None:
-    """Raises InvalidInput if `points` (n, 3), m, are spread over more than `limit`: another unit, or stray points."""
+    """Raises InvalidInput if `points` (n, 3), m, are none, or spread over more than `limit`, as in another unit."""
+    if not len(points):
+        raise InvalidInput(f"{name} holds no points or beams: its arrays have length 0.", "Check what was exported.")
     extent = float(np.ptp(points, axis=0).max())
     if extent > limit:
         raise InvalidInput(
