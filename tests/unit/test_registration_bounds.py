@@ -1,5 +1,7 @@
 """No estimate is less certain than the prior, whether samples are good, few, absurd or contradictory."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.registration_probe import WORLD, line, session
@@ -7,7 +9,7 @@ from helpers.scenes import World
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.estimate import Estimate, Prior
-from pretouch.geometry import Array, Pose
+from pretouch.geometry import Array, Plane, Pose
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
@@ -74,3 +76,10 @@ def test_no_samples_leave_more_uncertain_than_the_prior(case: str, prior: Prior,
     np.testing.assert_allclose(answer.covariance, answer.covariance.T, atol=1e-15)
     assert np.linalg.eigvalsh(answer.covariance).min() > 0
     assert widest(answer, prior) < 1 + 1e-6
+
+
+@pytest.mark.parametrize("table", [Plane(np.array([0.0, 0.0, -1.0]), 0.0), Plane(np.array([0.0, 0.0, 1.0]), 2.0)])
+def test_an_object_below_the_given_table_is_registered_within_the_prior(table: Plane) -> None:
+    scene, scans, settings = session(0.0)
+    estimate = REGISTRAR.register(replace(scene, table=table), scans, settings)
+    assert np.linalg.eigvalsh(settings.prior.covariance() - estimate.covariance).min() > -1e-12

@@ -262,6 +262,8 @@ def _map_other_objects(
 def _fill_hull(seen: NDArray[np.bool_]) -> Array:
     """(nx, ny): 1 within the convex hull of the cells `seen`; if it has no area, on those cells alone."""
     cells = np.argwhere(seen)
+    if len(cells) == 0:  # the table that the client gave is above the object
+        return np.zeros(seen.shape)
     try:
         equations = ConvexHull(cells).equations
     except QhullError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pretouch.errors import Malformed, NotFound, TooLarge
+from pretouch.regular_file import check_regular_file
 
 MAX_BYTES = 4 * 1024**3
 _FOREIGN = {
@@ -32,10 +33,7 @@ def read_bytes(path: Path) -> bytes:
         TooLarge: more than MAX_BYTES.
         Malformed: nothing is in it, or something that its suffix does not say, such as a compressed file.
     """
-    if path.is_dir():
-        raise NotFound(f"{path} is a folder.", "Give a file.")
-    if path.exists() and not path.is_file():
-        raise NotFound(f"{path} is not a regular file.", "Write it to a file first.")
+    check_regular_file(path)
     try:
         if (size := path.stat().st_size) > MAX_BYTES:
             raise TooLarge(f"{path.name} has {size} bytes; the limit is {MAX_BYTES}.", "Thin it out.")
