@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 import serial
 from helpers.links import Diary, Ears, Pty, linked
-from pretouch_sensor_gateway.transport import link as link_module
 from pretouch_sensor_gateway.transport import port as port_module
+from pretouch_sensor_gateway.transport import reconnection
 from pretouch_sensor_gateway.transport.address import PathAddress
 from pretouch_sensor_gateway.transport.reconnection import Link, LinkState
 
@@ -36,8 +36,8 @@ def pty(tmp_path: Path) -> Iterator[Pty]:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ports are opened again at once."""
-    monkeypatch.setattr(link_module, "FIRST_DELAY", 0.001)
-    monkeypatch.setattr(link_module, "MAX_DELAY", 0.001)
+    monkeypatch.setattr(reconnection, "FIRST_DELAY", 0.001)
+    monkeypatch.setattr(reconnection, "MAX_DELAY", 0.001)
 
 
 async def test_bytes_go_both_ways_and_each_read_has_its_time(pty: Pty) -> None:
@@ -91,12 +91,12 @@ async def test_an_unplugged_port_is_read_once_more_and_then_left_alone(
 
     def counting(fd: int, size: int) -> bytes:
         data = read(fd, size)
-        if size == link_module.MAX_READ and not data:
+        if size == reconnection.MAX_READ and not data:
             ends.append(fd)
         return data
 
     monkeypatch.setattr(os, "read", counting)
-    monkeypatch.setattr(link_module, "FIRST_DELAY", 30.0)
+    monkeypatch.setattr(reconnection, "FIRST_DELAY", 30.0)
     async with linked(str(pty.path)) as (link, ears):
         await ears.opening(1)
         pty.unplug()
@@ -124,7 +124,7 @@ async def test_every_kind_of_failure_is_one_outage_with_one_warning(pty: Pty, mo
             super().open()
 
     monkeypatch.setattr(serial, "Serial", FailingAtFirst)
-    monkeypatch.setattr(link_module, "STEADY_AFTER", 0.0)
+    monkeypatch.setattr(reconnection, "STEADY_AFTER", 0.0)
     diary = Diary()
     async with linked(str(pty.path), diary) as (link, ears):
         await ears.opening(1)
@@ -151,7 +151,7 @@ async def test_a_flapping_port_warns_once_until_its_data_flow_steadily(
             pty.plug()
         await ears.opening(21)
         assert diary.kinds == ["warning"]
-        monkeypatch.setattr(link_module, "STEADY_AFTER", 0.0)
+        monkeypatch.setattr(reconnection, "STEADY_AFTER", 0.0)
         pty.send(b"x")
         await ears.hears(b"x" * 21)
         assert diary.kinds == ["warning", "info"]
@@ -285,7 +285,7 @@ def test_closing_drops_what_the_device_has_not_taken_for_the_driver_would_wait_f
             super().close()
 
     monkeypatch.setattr(serial, "Serial", Noting)
-    port_module.close_port(port_module.open_port(PathAddress(str(pty.path)), link_module.DEFAULT_BAUD))
+    port_module.close_port(port_module.open_port(PathAddress(str(pty.path)), reconnection.DEFAULT_BAUD))
     assert calls == ["drop", "close"]
 
 
@@ -306,7 +306,7 @@ async def test_writing_to_an_unplugged_port_is_no_error(pty: Pty) -> None:
 
 
 async def test_a_device_that_never_stops_sending_leaves_the_others_their_turn() -> None:
-    flood = bytes(64 * link_module.MAX_READ)
+    flood = bytes(64 * reconnection.MAX_READ)
     reads: list[tuple[int, int]] = []
     turn = 0
 
@@ -330,11 +330,11 @@ async def test_a_device_that_never_stops_sending_leaves_the_others_their_turn() 
         await asyncio.wait({running})
     turns = [at for at, _ in reads]
     assert len(set(turns)) == len(turns)
-    assert max(size for _, size in reads) <= link_module.MAX_READ
+    assert max(size for _, size in reads) <= reconnection.MAX_READ
 
 
 async def test_an_empty_port_is_not_taken_for_one_that_hung_up(pty: Pty) -> None:
-    port = port_module.open_port(PathAddress(str(pty.path)), link_module.DEFAULT_BAUD)
+    port = port_module.open_port(PathAddress(str(pty.path)), reconnection.DEFAULT_BAUD)
     with pytest.raises(BlockingIOError):
         os.read(port.fileno(), 1)
     port_module.close_port(port)

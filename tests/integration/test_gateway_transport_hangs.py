@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from helpers.links import Diary, Ears, Pty, eventually, linked
-from pretouch_sensor_gateway.transport import link as link_module
+from pretouch_sensor_gateway.transport import reconnection
 from pretouch_sensor_gateway.transport.address import Address, PathAddress
 from pretouch_sensor_gateway.transport.port import Port, close_port, open_port
 from pretouch_sensor_gateway.transport.reconnection import Link, LinkState
@@ -81,9 +81,9 @@ def hanging(tmp_path: Path) -> Iterator[Hanging]:
 async def test_a_port_whose_opening_hangs_holds_up_neither_the_others_nor_the_end(
     pty: Pty, hanging: Hanging, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(link_module, "open_port", hanging.open)
-    monkeypatch.setattr(link_module, "_SLOW", 0.001)
-    monkeypatch.setattr(link_module, "_PATIENCE", 0.001)
+    monkeypatch.setattr(reconnection, "open_port", hanging.open)
+    monkeypatch.setattr(reconnection, "_SLOW", 0.001)
+    monkeypatch.setattr(reconnection, "_PATIENCE", 0.001)
     diary = Diary()
     before = open_files()
     async with linked("/dev/hangs", diary) as (stuck, _):
@@ -103,7 +103,7 @@ async def test_a_port_whose_opening_hangs_holds_up_neither_the_others_nor_the_en
         close_port(port)
         loop.call_soon_threadsafe(closed.set)
 
-    monkeypatch.setattr(link_module, "close_port", close)
+    monkeypatch.setattr(reconnection, "close_port", close)
     hanging.let_go()
     await closed.wait()  # what opened after the end is closed at once
     await no_more_open_than(before)
@@ -112,10 +112,10 @@ async def test_a_port_whose_opening_hangs_holds_up_neither_the_others_nor_the_en
 async def test_a_port_whose_closing_hangs_is_not_opened_twice_and_holds_up_nothing(
     pty: Pty, hanging: Hanging, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(link_module, "close_port", hanging.close)
-    monkeypatch.setattr(link_module, "_SLOW", 0.001)
-    monkeypatch.setattr(link_module, "_PATIENCE", 0.001)
-    monkeypatch.setattr(link_module, "FIRST_DELAY", 0.001)
+    monkeypatch.setattr(reconnection, "close_port", hanging.close)
+    monkeypatch.setattr(reconnection, "_SLOW", 0.001)
+    monkeypatch.setattr(reconnection, "_PATIENCE", 0.001)
+    monkeypatch.setattr(reconnection, "FIRST_DELAY", 0.001)
     async with linked(str(pty.path)) as (link, ears):
         await ears.opening(1)
         pty.unplug()
@@ -158,7 +158,7 @@ asyncio.run(main())
 async def test_two_hundred_outages_leave_no_file_open(
     kind: str, pty: Pty, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(link_module, "FIRST_DELAY", 0.0)
+    monkeypatch.setattr(reconnection, "FIRST_DELAY", 0.0)
     tries = 0
 
     def counting(address: Address, baud: int) -> Port:
@@ -166,7 +166,7 @@ async def test_two_hundred_outages_leave_no_file_open(
         tries += 1
         return open_port(address, baud)
 
-    monkeypatch.setattr(link_module, "open_port", counting)
+    monkeypatch.setattr(reconnection, "open_port", counting)
 
     async def hang_up(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b"x")
@@ -221,8 +221,8 @@ async def test_a_link_that_is_cancelled_in_the_turn_in_which_its_port_opens_clos
         closed.append(port)
         close_port(port)
 
-    monkeypatch.setattr(link_module, "open_port", opening)
-    monkeypatch.setattr(link_module, "close_port", close)
+    monkeypatch.setattr(reconnection, "open_port", opening)
+    monkeypatch.setattr(reconnection, "close_port", close)
     ears = Ears()
     running = asyncio.create_task(Link(str(pty.path), ears, Diary()).run())  # type: ignore[arg-type]
     await began.wait()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from helpers.links import Diary, Pty, linked
-from pretouch_sensor_gateway.transport import link as link_module
+from pretouch_sensor_gateway.transport import reconnection
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
@@ -28,8 +28,8 @@ def pty(tmp_path: Path) -> Iterator[Pty]:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ports are opened again at once."""
-    monkeypatch.setattr(link_module, "FIRST_DELAY", 0.001)
-    monkeypatch.setattr(link_module, "MAX_DELAY", 0.001)
+    monkeypatch.setattr(reconnection, "FIRST_DELAY", 0.001)
+    monkeypatch.setattr(reconnection, "MAX_DELAY", 0.001)
 
 
 @pytest.mark.usefixtures("impatient")
