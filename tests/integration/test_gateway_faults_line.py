@@ -14,7 +14,7 @@ import pytest
 from helpers.faulty_board import PAUSE, Board, whole
 from helpers.faulty_gateway import gateway, unix_offset
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting
-from pretouch_sensor_gateway.transport import link
+from pretouch_sensor_gateway.transport import reconnection
 
 from benchmarks.virtual_finger import flip_bits
 from pretouch.v1 import sensor_gateway_pb2 as pb
@@ -34,7 +34,7 @@ async def in_two(board: Board, data: bytes, cut: int) -> None:
 async def test_unplugged_amid_a_frame_and_plugged_in_again_the_stream_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(link, "STEADY_AFTER", 0.0)  # else what happens within ten seconds is one outage
+    monkeypatch.setattr(reconnection, "STEADY_AFTER", 0.0)  # else what happens within ten seconds is one outage
     board = Board(tmp_path / "finger", modules=6)
     cuts = (1, 2, 5, 17, 34, 35)
     async with gateway(tmp_path / "finger") as clients, clients.listening() as listener:
@@ -52,7 +52,7 @@ async def test_unplugged_amid_a_frame_and_plugged_in_again_the_stream_goes_on(
             await clients.until(lambda status: status.device.state == pb.DEVICE_STATE_CONNECTING)
             board.measure(20)  # to nobody
             if outage == 1:
-                await asyncio.sleep(3 * link.FIRST_DELAY)  # so that it is tried in vain
+                await asyncio.sleep(3 * reconnection.FIRST_DELAY)  # so that it is tried in vain
             board.plug()
             await clients.opened(1 + outage)
             before = listener.got
