@@ -296,7 +296,8 @@ def main() -> None:
     """Runs the command line; an error is printed in two lines, with exit code 2 if what the user gave caused it."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # closed streams are None
-            stream.reconfigure(errors="replace")  # a terminal of ASCII still gets the numbers
+            with suppress(OSError):  # a stream for reading and writing on a terminal cannot be reconfigured
+                stream.reconfigure(errors="replace")  # a terminal of ASCII still gets the numbers
     called = _find_called_command()
     try:
         _app(called)(prog_name="pretouch")

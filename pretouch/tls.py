@@ -7,7 +7,7 @@ from pathlib import Path
 
 import grpc
 
-from pretouch.errors import InvalidInput
+from pretouch.errors import InvalidInput, NotFound
 from pretouch.regular_file import check_regular_file
 
 
@@ -40,12 +40,12 @@ def channel_credentials(ca: Path, cert: Path | None, key: Path | None) -> grpc.C
 
 def _pair(cert: Path, key: Path) -> tuple[bytes, bytes]:
     """The PEM bytes of a key and of its certificate chain, in gRPC's order."""
-    check_regular_file(cert)
-    check_regular_file(key)
     try:
+        check_regular_file(cert)
+        check_regular_file(key)
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key, password=lambda: b"")
         return key.read_bytes(), cert.read_bytes()
-    except (OSError, ssl.SSLError) as error:
+    except (OSError, ssl.SSLError, NotFound) as error:
         raise InvalidInput(
             f"The certificate {cert} with the key {key} cannot be used: {error}.",
             "Give a PEM certificate and its own unencrypted PEM key, both readable for this user.",
@@ -54,11 +54,11 @@ def _pair(cert: Path, key: Path) -> tuple[bytes, bytes]:
 
 def _authority(path: Path) -> bytes:
     """The PEM bytes of the authorities to trust."""
-    check_regular_file(path)
     try:
+        check_regular_file(path)
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(path)
         return path.read_bytes()
-    except (OSError, ssl.SSLError) as error:
+    except (OSError, ssl.SSLError, NotFound) as error:
         raise InvalidInput(
             f"The certificate authority {path} cannot be used: {error}.", "Give a readable PEM file of certificates."
         ) from error

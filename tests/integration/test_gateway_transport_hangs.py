@@ -131,10 +131,10 @@ async def test_a_port_whose_closing_hangs_is_not_opened_twice_and_holds_up_nothi
 def test_an_opening_that_hangs_does_not_keep_the_program_from_ending() -> None:
     program = """
 import asyncio, logging, threading
-from pretouch_sensor_gateway.transport import link
+from pretouch_sensor_gateway.transport import reconnection
 
 class Nobody:
-    opened = received = closed = print
+    on_opened = on_received = on_closed = print
 
 async def main():
     hangs = asyncio.Event()
@@ -142,8 +142,8 @@ async def main():
     def hang(*_):
         loop.call_soon_threadsafe(hangs.set)
         threading.Event().wait()
-    link.open_port = hang
-    running = asyncio.create_task(link.Link("/dev/hangs", Nobody(), logging).run())
+    reconnection.open_port = hang
+    running = asyncio.create_task(reconnection.Link("/dev/hangs", Nobody(), logging).run())
     await hangs.wait()
     running.cancel()
     await asyncio.wait({running})
