@@ -127,7 +127,7 @@ def test_meshes_are_read_from_files(tmp_path: Path, suffix: str) -> None:
 
 
 def test_a_bad_mesh_file_says_what_is_wrong(tmp_path: Path) -> None:
-    with pytest.raises(NotFound, match="cannot be read"):
+    with pytest.raises(NotFound, match="There is no file"):
         load_mesh(tmp_path / "missing.ply")
     (tmp_path / "notes.txt").write_text("hello")
     with pytest.raises(InvalidInput, match=r"notes\.txt"):
