@@ -6,9 +6,13 @@ import argparse
 import json
 from pathlib import Path
 
-from benchmarks import ray_casting, session_step
+from benchmarks import ray_casting, session_step, tell_latency
 
-BENCHMARKS = {"ray_casting": ray_casting.measure, "session_step": session_step.measure}
+BENCHMARKS = {
+    "ray_casting": ray_casting.measure,
+    "session_step": session_step.measure,
+    "tell_latency": tell_latency.measure,
+}
 
 
 def main() -> None:

@@ -17,10 +17,10 @@ from pretouch_registrar.registration import Registrar
 from pretouch_registrar.warm_up import warm_up
 from pretouch_simulation.demo import request_for
 from pretouch_simulation.fingers.ideal import ThinBeam
-from pretouch_simulation.frame_demo import direct_finger
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.objects import MAKERS
-from pretouch_simulation.protocol import Case, make_case
+from pretouch_simulation.protocol import Case, generator, make_case
+from pretouch_simulation.scanning import scan_along
 from pretouch_simulation.services import Services
 
 from pretouch.client import RestClient
@@ -48,23 +48,23 @@ def measure() -> dict[str, float]:
 
 def _time_served(url: str, case: Case) -> list[float]:
     """Seconds of each submitted scan of one session."""
-    execute, steps = direct_finger(case, _FINGER), []
+    rng, steps = generator("finger", case.name), []
     with RestClient(url, timeout=60.0) as client:
         session = client.create_session(request_for(case, _FINGER.sensor), case.depth.metres, case.mask)
         while session.next_scan is not None:
-            submission, _ = execute(session.next_scan)
+            samples = scan_along(case.world, session.next_scan.path, _FINGER.sensor, _FINGER, rng)
             start = time.perf_counter()
-            session = client.submit(session.id, session.next_scan.scan_id, submission)
+            session = client.submit(session.id, session.next_scan.scan_id, samples)
             steps.append(time.perf_counter() - start)
     return steps
 
 
 async def _time_in_process(case: Case, registrar: Registrar) -> list[float]:
-    execute, steps = direct_finger(case, _FINGER), []
+    rng, steps = generator("finger", case.name), []
     loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.POSTERIOR, registrar))
     record = await loop.open("benchmark", 0.0, request_for(case, _FINGER.sensor), case.depth, case.mask)
     while record.next_scan is not None:
-        _, samples = execute(record.next_scan)
+        samples = scan_along(case.world, record.next_scan.path, _FINGER.sensor, _FINGER, rng)
         start = time.perf_counter()
         record = await loop.advance(record, record.next_scan.scan_id, samples)
         steps.append(time.perf_counter() - start)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from franky import (
@@ -23,9 +24,9 @@ from franky import Robot as FrankyRobot
 
 from pretouch.camera import Camera
 from pretouch.channel import open_sync_channel
-from pretouch.client import RestClient, drive
+from pretouch.client import Guard, Reflex, RestClient, add_descent, drive
 from pretouch.geometry import Array, Pose
-from pretouch.session import GatewaySpan, ScanPlan, SessionRequest, Skipped, Submission
+from pretouch.session import GatewaySpan, ScanPlan, ScanSettings, SessionRequest, Skipped, Submission
 from pretouch.trajectory import Trajectory
 from pretouch.v1.common_pb2 import Pose as PoseMessage
 from pretouch.v1.sensor_gateway_pb2 import StreamPointsRequest, TipPose
@@ -34,6 +35,8 @@ from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 DEVICE = "finger"
 TRAVEL_HEIGHT = 0.40  # m, z in base: above all that stands on the table
 EE_T_TIP = Pose.of(np.eye(3), [0.0, 0.0, 0.05])  # the sensor in the end effector's frame of Desk, m; its z is the beam
+PERIOD = 0.005  # s
+LIFT_STEP = 0.001  # m; a lift that changes by less leaves the motion as it is
 
 
 class Unreachable(Exception):
@@ -51,28 +54,47 @@ class Robot:
         return (Pose(self._robot.current_pose.end_effector_pose.matrix) @ EE_T_TIP).matrix
 
     def move_to(self, pose: Array) -> None:
-        self._move(CartesianMotion(CartesianState(RobotPose(Affine(pose))), ee_frame=Affine(EE_T_TIP.matrix)))
-
-    def follow(self, path: Trajectory) -> None:
-        velocities = np.gradient(path.base_T_tip[:, :3, 3], path.t, axis=0)
-        velocities[[0, -1]] = 0.0
-        waypoints = [
-            CartesianWaypoint(
-                CartesianState(RobotPose(Affine(pose)), RobotVelocity(Twist(velocity))),
-                minimum_time=Duration(round(1000 * seconds)),
-            )
-            for pose, velocity, seconds in zip(path.base_T_tip[1:], velocities[1:], np.diff(path.t), strict=True)
-        ]
-        self._move(CartesianWaypointMotion(waypoints, ee_frame=Affine(EE_T_TIP.matrix)))
-
-    def _move(self, motion: CartesianMotion | CartesianWaypointMotion) -> None:
-        try:
+        motion = CartesianMotion(CartesianState(RobotPose(Affine(pose))), ee_frame=Affine(EE_T_TIP.matrix))
+        with self._noticing_stops():
             self._robot.move(motion, asynchronous=True)
             while self._robot.poll_motion():  # raises what stopped the motion
-                time.sleep(0.005)
+                time.sleep(PERIOD)
+
+    def follow(self, path: Trajectory, guard: Guard) -> None:
+        begun, lift = time.monotonic(), np.inf
+        with self._noticing_stops():
+            while lift == np.inf or self._robot.poll_motion():
+                now = path.t[0] + time.monotonic() - begun
+                if abs(guard.reflex.lift - lift) > LIFT_STEP and now < path.t[-1]:
+                    reflex = guard.reflex
+                    lift = reflex.lift
+                    self._robot.move(_remaining(path, now, reflex), asynchronous=True)  # takes over from the one before
+                time.sleep(PERIOD)
+
+    @contextmanager
+    def _noticing_stops(self) -> Iterator[None]:
+        try:
+            yield
         except ControlException as error:
             self._robot.recover_from_errors()
             raise Unreachable from error
+
+
+def _remaining(path: Trajectory, now: float, reflex: Reflex) -> CartesianWaypointMotion:
+    """What is left of the path from time `now` on, lifted as the reflex says."""
+    velocities = np.gradient(path.base_T_tip[:, :3, 3], path.t, axis=0)
+    velocities[-1] = 0.0
+    left = path.t > now
+    waypoints = [
+        CartesianWaypoint(
+            CartesianState(RobotPose(Affine(reflex.raise_tip(pose))), RobotVelocity(Twist(velocity))),
+            minimum_time=Duration(round(1000 * seconds)),
+        )
+        for pose, velocity, seconds in zip(
+            path.base_T_tip[left], velocities[left], np.diff(path.t[left], prepend=now), strict=True
+        )
+    ]
+    return CartesianWaypointMotion(waypoints, ee_frame=Affine(EE_T_TIP.matrix))
 
 
 def above(pose: Array) -> Array:
@@ -83,8 +105,11 @@ def above(pose: Array) -> Array:
 
 
 def scan(robot: Robot, gateway: SensorGatewayServiceStub, plan: ScanPlan) -> Submission:
-    """Makes the planned scan while the gateway is told where the tip is, and names the samples that it keeps."""
-    first, last = plan.path.base_T_tip[0], plan.path.base_T_tip[-1]
+    """Makes the planned scan while the gateway is told where the tip is, and names the samples that it keeps.
+
+    On the way down and along the path, a reflex lifts the tip where the gateway hears of something too near.
+    """
+    path = add_descent(plan.path)
     arrived = threading.Event()
 
     def tell() -> Iterator[StreamPointsRequest]:
@@ -94,21 +119,21 @@ def scan(robot: Robot, gateway: SensorGatewayServiceStub, plan: ScanPlan) -> Sub
             yield StreamPointsRequest(tip_poses=[TipPose(t=time.time(), base_t_tip=pose)])
 
     try:
-        robot.move_to(above(first))
-        robot.move_to(first)
-        answers, start = gateway.StreamPoints(tell()), time.time()
+        robot.move_to(above(path.base_T_tip[0]))
+        robot.move_to(path.base_T_tip[0])
+        guard = Guard(gateway.StreamPoints(tell()))
+        start = time.time() - path.t[0]  # after the descent
         try:
-            robot.follow(plan.path)
+            robot.follow(path, guard)
         finally:
+            end = time.time()
             arrived.set()
-        span = GatewaySpan(DEVICE, start, time.time())
-        for _ in answers:
-            pass  # until the last sample has its pose
-        robot.move_to(above(last))
+            robot.move_to(above(robot.base_T_tip()))
     except Unreachable:
         robot.move_to(above(robot.base_T_tip()))
         return Skipped()
-    return span
+    guard.finish()
+    return GatewaySpan(DEVICE, start, end)
 
 
 def main() -> None:
@@ -116,6 +141,7 @@ def main() -> None:
         camera=Camera(fx=615.0, fy=615.0, cx=319.5, cy=239.5),  # of the depth image, in pixels
         base_T_camera=Pose(np.loadtxt("base_T_camera.txt")),  # 4x4, from your hand-eye calibration
         depth_scale=0.001,  # m of one unit of the depth image
+        scan=ScanSettings(guarded=True),  # paths rely on the reflex that lifts the tip in `follow`
     )
     robot = Robot("172.16.0.2")
     with RestClient("http://127.0.0.1:8080") as client, open_sync_channel("127.0.0.1:50053") as channel:

@@ -11,9 +11,9 @@ from xarm.wrapper import XArmAPI
 
 from pretouch.camera import Camera
 from pretouch.channel import open_sync_channel
-from pretouch.client import RestClient, drive
+from pretouch.client import Guard, RestClient, add_descent, drive
 from pretouch.geometry import Array, Pose, vector_from_rotation
-from pretouch.session import GatewaySpan, ScanPlan, SessionRequest, Skipped, Submission
+from pretouch.session import GatewaySpan, ScanPlan, ScanSettings, SessionRequest, Skipped, Submission
 from pretouch.trajectory import Trajectory
 from pretouch.v1.common_pb2 import Pose as PoseMessage
 from pretouch.v1.sensor_gateway_pb2 import StreamPointsRequest, TipPose
@@ -52,13 +52,16 @@ class Robot:
         code = self._arm.set_position_aa(_vector(pose), speed=100, mvacc=500, is_radian=True, wait=True)  # mm/s, mm/s^2
         _check(code)
 
-    def follow(self, path: Trajectory) -> None:
+    def follow(self, path: Trajectory, guard: Guard) -> None:
         self._enter_mode(1)  # servo motion
         begun = time.monotonic()
-        while (now := time.monotonic() - begun) < path.duration:
-            _check(self._arm.set_servo_cartesian_aa(_vector(path.at([path.t[0] + now])[0]), is_radian=True))
-            time.sleep(PERIOD)
-        self._enter_mode(0)  # position control
+        try:
+            while (now := time.monotonic() - begun) < path.duration:
+                target = guard.reflex.raise_tip(path.at([path.t[0] + now])[0])
+                _check(self._arm.set_servo_cartesian_aa(_vector(target), is_radian=True))
+                time.sleep(PERIOD)
+        finally:
+            self._enter_mode(0)  # position control
 
     def _enter_mode(self, mode: int) -> None:
         _check(self._arm.set_mode(mode))
@@ -84,9 +87,13 @@ def above(pose: Array) -> Array:
 
 
 def scan(robot: Robot, gateway: SensorGatewayServiceStub, plan: ScanPlan) -> Submission:
-    """Makes the planned scan while the gateway is told where the tip is, and names the samples that it keeps."""
-    first, last = plan.path.base_T_tip[0], plan.path.base_T_tip[-1]
-    if not all(robot.can_reach(pose) for pose in [above(first), *plan.path.base_T_tip, above(last)]):
+    """Makes the planned scan while the gateway is told where the tip is, and names the samples that it keeps.
+
+    On the way down and along the path, a reflex lifts the tip where the gateway hears of something too near.
+    """
+    path = add_descent(plan.path)
+    first, last = path.base_T_tip[0], path.base_T_tip[-1]
+    if not all(robot.can_reach(pose) for pose in [above(first), *path.base_T_tip, above(last)]):
         return Skipped()
     arrived = threading.Event()
 
@@ -98,16 +105,16 @@ def scan(robot: Robot, gateway: SensorGatewayServiceStub, plan: ScanPlan) -> Sub
 
     robot.move_to(above(first))
     robot.move_to(first)
-    answers, start = gateway.StreamPoints(tell()), time.time()
+    guard = Guard(gateway.StreamPoints(tell()))
+    start = time.time() - path.t[0]  # after the descent
     try:
-        robot.follow(plan.path)
+        robot.follow(path, guard)
     finally:
+        end = time.time()
         arrived.set()
-    span = GatewaySpan(DEVICE, start, time.time())
-    for _ in answers:
-        pass  # until the last sample has its pose
-    robot.move_to(above(last))
-    return span
+        robot.move_to(above(robot.base_T_tip()))
+    guard.finish()
+    return GatewaySpan(DEVICE, start, end)
 
 
 def main() -> None:
@@ -115,6 +122,7 @@ def main() -> None:
         camera=Camera(fx=615.0, fy=615.0, cx=319.5, cy=239.5),  # of the depth image, in pixels
         base_T_camera=Pose(np.loadtxt("base_T_camera.txt")),  # 4x4, from your hand-eye calibration
         depth_scale=0.001,  # m of one unit of the depth image
+        scan=ScanSettings(guarded=True),  # paths rely on the reflex that lifts the tip in `follow`
     )
     robot = Robot("192.168.1.185")
     with RestClient("http://127.0.0.1:8080") as client, open_sync_channel("127.0.0.1:50053") as channel:

@@ -12,9 +12,9 @@ from rtde_receive import RTDEReceiveInterface
 
 from pretouch.camera import Camera
 from pretouch.channel import open_sync_channel
-from pretouch.client import RestClient, drive
+from pretouch.client import Guard, RestClient, add_descent, drive
 from pretouch.geometry import Array, Pose, vector_from_rotation
-from pretouch.session import GatewaySpan, ScanPlan, SessionRequest, Skipped, Submission
+from pretouch.session import GatewaySpan, ScanPlan, ScanSettings, SessionRequest, Skipped, Submission
 from pretouch.trajectory import Trajectory
 from pretouch.v1.common_pb2 import Pose as PoseMessage
 from pretouch.v1.sensor_gateway_pb2 import StreamPointsRequest, TipPose
@@ -45,14 +45,17 @@ class Robot:
         if not self._control.moveL(_vector(pose), 0.1, 0.5):  # m/s, m/s^2
             raise RuntimeError("The arm did not arrive; look at its pendant.")
 
-    def follow(self, path: Trajectory) -> None:
+    def follow(self, path: Trajectory, guard: Guard) -> None:
         begun = time.monotonic()
-        while (now := time.monotonic() - begun) < path.duration:
-            period = self._control.initPeriod()
-            target = _vector(path.at([path.t[0] + now])[0])
-            self._control.servoL(target, 0.0, 0.0, 1.0 / RATE, 0.1, 300.0)  # two unused, s, s of lookahead, gain
-            self._control.waitPeriod(period)
-        self._control.servoStop()
+        try:
+            while (now := time.monotonic() - begun) < path.duration:
+                period = self._control.initPeriod()
+                target = guard.reflex.raise_tip(path.at([path.t[0] + now])[0])
+                servo = 1.0 / RATE, 0.1, 300.0  # s, s of lookahead, gain
+                self._control.servoL(_vector(target), 0.0, 0.0, *servo)  # speed and acceleration are unused
+                self._control.waitPeriod(period)
+        finally:
+            self._control.servoStop()
 
 
 def _vector(pose: Array) -> list[float]:
@@ -67,9 +70,13 @@ def above(pose: Array) -> Array:
 
 
 def scan(robot: Robot, gateway: SensorGatewayServiceStub, plan: ScanPlan) -> Submission:
-    """Makes the planned scan while the gateway is told where the tip is, and names the samples that it keeps."""
-    first, last = plan.path.base_T_tip[0], plan.path.base_T_tip[-1]
-    if not all(robot.can_reach(pose) for pose in [above(first), *plan.path.base_T_tip, above(last)]):
+    """Makes the planned scan while the gateway is told where the tip is, and names the samples that it keeps.
+
+    On the way down and along the path, a reflex lifts the tip where the gateway hears of something too near.
+    """
+    path = add_descent(plan.path)
+    first, last = path.base_T_tip[0], path.base_T_tip[-1]
+    if not all(robot.can_reach(pose) for pose in [above(first), *path.base_T_tip, above(last)]):
         return Skipped()
     arrived = threading.Event()
 
@@ -81,16 +88,16 @@ def scan(robot: Robot, gateway: SensorGatewayServiceStub, plan: ScanPlan) -> Sub
 
     robot.move_to(above(first))
     robot.move_to(first)
-    answers, start = gateway.StreamPoints(tell()), time.time()
+    guard = Guard(gateway.StreamPoints(tell()))
+    start = time.time() - path.t[0]  # after the descent
     try:
-        robot.follow(plan.path)
+        robot.follow(path, guard)
     finally:
+        end = time.time()
         arrived.set()
-    span = GatewaySpan(DEVICE, start, time.time())
-    for _ in answers:
-        pass  # until the last sample has its pose
-    robot.move_to(above(last))
-    return span
+        robot.move_to(above(robot.base_T_tip()))
+    guard.finish()
+    return GatewaySpan(DEVICE, start, end)
 
 
 def main() -> None:
@@ -98,6 +105,7 @@ def main() -> None:
         camera=Camera(fx=615.0, fy=615.0, cx=319.5, cy=239.5),  # of the depth image, in pixels
         base_T_camera=Pose(np.loadtxt("base_T_camera.txt")),  # 4x4, from your hand-eye calibration
         depth_scale=0.001,  # m of one unit of the depth image
+        scan=ScanSettings(guarded=True),  # paths rely on the reflex that lifts the tip in `follow`
     )
     robot = Robot("192.168.0.10")
     with RestClient("http://127.0.0.1:8080") as client, open_sync_channel("127.0.0.1:50053") as channel:

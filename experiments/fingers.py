@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pretouch_simulation.finger import Finger, FingerModel, realise
+from pretouch_simulation.finger import Finger, FingerModel, measure_scan, realise
 from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.protocol import TABLE, generator
 from pretouch_simulation.world import World
@@ -149,7 +149,7 @@ def trimmed_mean(readings: Array) -> Array:
 
 
 def _measure(finger: Finger, distances: Array, rng: np.random.Generator) -> Array:
-    ranges, _ = finger.measure(World([], TABLE), face_down(np.zeros(len(distances)), distances), rng)
+    ranges, _ = measure_scan(finger, World([], TABLE), face_down(np.zeros(len(distances)), distances), rng)
     return ranges
 
 

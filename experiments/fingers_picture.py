@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pretouch_simulation.finger import Finger, FingerModel, realise
+from pretouch_simulation.finger import Finger, FingerModel, measure_scan, realise
 from pretouch_simulation.objects import box
 from pretouch_simulation.protocol import TABLE, generator
 from pretouch_simulation.reliability import save_small
@@ -85,7 +85,7 @@ def _draw_scan(axes: Any, world: World, fingers: Mapping[str, Finger], title: st
     axes.fill_between(_MM * x, _MM * surface, -5, color="0.85", lw=0)
     for k, (name, finger) in enumerate(fingers.items()):
         poses, rng = face_down(x, np.full_like(x, TIP)), generator("scan", name)
-        ranges = np.stack([finger.measure(world, poses, rng)[0] for _ in range(_SCANS)])
+        ranges = np.stack([measure_scan(finger, world, poses, rng)[0] for _ in range(_SCANS)])
         there = np.isfinite(ranges).mean(axis=0) > 0.5
         shown = np.nanmedian(np.where(there, ranges, 0.0), axis=0)
         axes.plot(_MM * x, _MM * np.where(there, TIP - shown, np.nan), lw=1, color=f"C{k}", label=name)

@@ -41,6 +41,7 @@ from experiments.folders import RESULTS, SHARED
 from pretouch.estimate import Estimate
 from pretouch.geometry import Pose
 from pretouch.rectangle import RotatedRectangle
+from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
 from pretouch.session import Planner, Proposer, ScanSettings, SessionRequest
 from pretouch.tof import Scan
@@ -178,7 +179,7 @@ def compare(view: View, stage: int, offsets: int, seed: int) -> Comparison:
     for session in sessions(view, stage, offsets, seed):
         present.append(session.error(session.estimate))
         paths = session.paths()
-        predicted.append(session.registrar.predict(view.scene, session.scans, Settings(), paths))
+        predicted.append(session.predict_errors(paths))
         milliseconds.append(_time_prediction(session, paths))
         achieved.append(session.scan_each(paths))
     by_candidate = np.transpose(predicted).tolist(), np.transpose(achieved).tolist()
@@ -189,7 +190,7 @@ def _time_prediction(session: Session, paths: Sequence[Trajectory]) -> float:
     """ms of a prediction for TIMED candidates, without the registration of the earlier scans."""
     many = [paths[k % len(paths)] for k in range(TIMED)]
     started = time.perf_counter()
-    session.registrar.predict(session.view.scene, session.scans, Settings(), many)
+    session.predict_errors(many)
     return 1000.0 * (time.perf_counter() - started)
 
 
@@ -214,6 +215,12 @@ class Session:
         """The candidates' paths from the present estimate."""
         planned = plan_paths(self.view.scene, self.view.candidates, self.estimate, ScanSettings())
         return [path for path in planned if path is not None]
+
+    def predict_errors(self, paths: Sequence[Trajectory]) -> list[float]:
+        """m: the error that the registrar predicts after a scan of each path."""
+        candidates = [Candidate(path) for path in paths]
+        predictions = self.registrar.predict(self.view.scene, self.scans, Settings(), candidates)
+        return [whole.expected_error for (whole,) in predictions]
 
     def scan(self, path: Trajectory, *name: object) -> Session:
         """The session after a scan of `path`, whose noise is seeded by the session's names and `name`."""

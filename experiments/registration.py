@@ -191,7 +191,7 @@ def _reliability(runs: Sequence[Run], scans: Sequence[int]) -> list[dict[str, An
 def _picture_failures(part: Part, runs: Sequence[Run], protocol: Protocol, out: Path) -> list[str]:
     """Draws the worst runs, which are repeated for it, with their likely causes."""
     lines = ["### The worst runs\n"]
-    paths = {path.stem: path for path, _ in part.tasks}
+    paths = {task.mesh: task.path for task in part.tasks}
     for sensor in dict.fromkeys(run.sensor for run in runs):
         for scan in (scan for scan in SCANS_FAILED if scan <= protocol.scans):
             failures = []

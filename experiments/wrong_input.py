@@ -3,7 +3,7 @@
     python -m experiments.wrong_input [--meshes DIR] [--limit 20] [--seed 0] [--camera random] [--out docs/results]
 
 Writes wrong-input.md. DIR is data/meshes/train of PRETOUCH_SHARED unless given; its side for reporting. A session has
-the default budget and tolerance; the tip is planned low, so that the finger gets returns.
+the default budget and tolerance; the robot guards its scans, so that the finger gets returns.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 from pretouch_simulation.depth_cameras import CameraModel
@@ -25,15 +24,13 @@ from pretouch_simulation.depth_cameras.fields import smooth_field
 from pretouch_simulation.evaluation import run_session
 from pretouch_simulation.evaluation_honesty import SURE, WRONG
 from pretouch_simulation.evaluation_protocol import Protocol, adapt_to_frames, finger_of
-from pretouch_simulation.finger import Finger, FingerModel
+from pretouch_simulation.finger import Finger, FingerModel, Measurements
 from pretouch_simulation.fingers.faults import make_stuck_module
 from pretouch_simulation.markdown import markdown_table
 from pretouch_simulation.mesh import load_mesh
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.split import Split
-from pretouch_simulation.tip_margins import TipHeight
-from pretouch_simulation.world import World
 from rich.progress import track
 from scipy import ndimage
 
@@ -65,9 +62,9 @@ class Misdescribed:
     finger: Finger
     sensor: Sensor
 
-    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-        """See `Finger.measure`."""
-        return self.finger.measure(world, base_T_module, rng)
+    def begin_scan(self, count: int, rng: np.random.Generator) -> Measurements:
+        """See `Finger.begin_scan`."""
+        return self.finger.begin_scan(count, rng)
 
 
 def misdescribe(std: float = 1.0, cone: float = 1.0) -> Hand:
@@ -185,7 +182,7 @@ def text(command: str, camera: str, rows: dict[str, list[Ending | str]], toleran
     lines = [
         "# Wrongly described fingers, wrong masks and images\n",
         f"Made by `{command}`: {n} meshes of the validation side, one view each by camera `{camera}`, sessions with "
-        "the default budget and tolerance, proposer `random`, the tip planned low. Errors in cm; *wrong and sure*: "
+        "the default budget and tolerance, proposer `random`, guarded scans. Errors in cm; *wrong and sure*: "
         f"above {100 * WRONG:g} with less than {100 * SURE:g} stated; *converged wrong*: said to be within "
         f"{1000 * tolerance:g} mm and not within it and 2 mm.\n",
     ]
@@ -230,7 +227,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=RESULTS)
     given = parser.parse_args(arguments)
     protocol = adapt_to_frames(
-        Protocol(10, Proposer.RANDOM, Engine.POSTERIOR, Planner.INFORMATION, IDEAL, given.seed, tip=TipHeight.LOW), None
+        Protocol(10, Proposer.RANDOM, Engine.POSTERIOR, Planner.INFORMATION, IDEAL, given.seed, guarded=True), None
     )
     paths = meshes_in(given.meshes, limit=given.limit, split=Split.VALIDATION)
     registrar = Registrar()

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pretouch.errors import InvalidInput
+from pretouch.expected_error import compute_expected_errors
 from pretouch.geometry import Array, Matrix6, Pose, Vector3, Vector6, frozen_array
 
 _HALF = np.random.default_rng(0).standard_normal((512, 6))
@@ -163,7 +164,7 @@ class Estimate:
 def point_error(
     covariance: ArrayLike, points: ArrayLike, centroid: ArrayLike, quantiles: ArrayLike = (0.95,)
 ) -> tuple[float, Array]:
-    """The mean point error under a pose covariance, by 1024 fixed draws.
+    """The mean point error under a pose covariance; its quantiles are those of 1024 fixed draws.
 
     A pose error (w, d) moves the point p by about w x (p - c) + d.
 
@@ -176,15 +177,22 @@ def point_error(
     Returns:
         The expectation, m, and the quantiles (k,), m.
     """
-    arms = np.asarray(points, dtype=np.float64)
-    arms = arms[:: max(1, len(arms) // _MAX_POINTS)] - np.asarray(centroid, dtype=np.float64)
+    arms = select_arms(points, centroid)
     values, vectors = np.linalg.eigh(np.asarray(covariance, dtype=np.float64))
     draws = _NORMAL @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     x, y, z = arms.T
     (wx, wy, wz), (dx, dy, dz) = draws.T[:3, :, None], draws.T[3:, :, None]
     squares = (wy * z - wz * y + dx) ** 2 + (wz * x - wx * z + dy) ** 2 + (wx * y - wy * x + dz) ** 2
     errors = np.sqrt(squares).mean(axis=1)
-    return float(errors.mean()), np.quantile(errors, np.asarray(quantiles, dtype=np.float64))
+    expected = float(compute_expected_errors(np.asarray(covariance)[None], arms)[0])
+    return expected, np.quantile(errors, np.asarray(quantiles, dtype=np.float64))
+
+
+def select_arms(points: ArrayLike, centroid: ArrayLike) -> Array:
+    """(k, 3), m: some 64 of the points (n, 3), m, evenly in their order, from the centroid (3,), m."""
+    arms = np.asarray(points, dtype=np.float64)
+    arms = arms[:: max(1, len(arms) // _MAX_POINTS)] - np.asarray(centroid, dtype=np.float64)
+    return np.asarray(arms, dtype=np.float64)
 
 
 def from_prior(prior: Prior, cloud: Array) -> Estimate:

@@ -101,13 +101,18 @@ class ScanSettings:
     Attributes:
         standoff: height of the tip above the surface, in metres.
         speed: largest speed of the tip, in metres per second.
+        guarded: whether the robot itself lifts the tip while a range is below 10 mm; paths are then planned from what
+            is expected instead of the worst case.
     """
 
     standoff: float = 0.03
     speed: float = 0.05
+    guarded: bool = False
 
     def __post_init__(self) -> None:
         _positive(self, "scan", {"standoff": 1.0, "speed": 10.0})
+        if not isinstance(self.guarded, bool):
+            raise InvalidInput(f"scan.guarded is {self.guarded!r:.40}.", "Need true or false.")
         if self.speed < MIN_SPEED:
             raise InvalidInput(f"scan.speed is {self.speed:g} m/s.", f"Need at least {MIN_SPEED:g} m/s.")
 
@@ -198,14 +203,19 @@ class ScanPlan:
 
     Attributes:
         scan_id: name of the scan, with which its samples are submitted.
-        region_id: name of the region that the path follows.
+        path_id: name of what the path follows: a region's id for its perimeter or a part of it, line-1, .. straight
+            across the object, nearby-1, .. over the table or things beside the object.
+        region_id: name of the region that the path follows; null if it follows none.
         path: times in seconds from 0, and poses `base_T_tip` of the tip in base, z along the beam. The first and the
             last pose are reached along the beam, from above.
+        expected_returns: share of the samples that are expected to return a range, in [0, 1].
     """
 
     scan_id: str
-    region_id: str
+    path_id: str
+    region_id: str | None
     path: Trajectory
+    expected_returns: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,22 +292,67 @@ Submission = RangeSamples | Points | GatewaySpan | Skipped
 """The result of a planned scan."""
 
 
+@dataclass(frozen=True, eq=False)
+class SampleChunk:
+    """Samples of a scan that is under way.
+
+    Attributes:
+        start: number of the scan's samples before these: how many were told so far.
+        samples: the samples, with tip poses in base; none to ask for the progress only.
+
+    Raises:
+        InvalidInput: a negative start.
+    """
+
+    start: int
+    samples: RangeSamples
+
+    def __post_init__(self) -> None:
+        if self.start < 0:
+            raise InvalidInput(f"from is {self.start}.", "Send the number of samples told so far, 0 or more.")
+
+
+Telling = SampleChunk | GatewaySpan
+"""Samples of a planned scan, told while the robot moves."""
+
+
+@dataclass(frozen=True)
+class ScanProgress:
+    """What the samples of a scan under way have told so far.
+
+    Attributes:
+        told: number of the scan's samples that were told.
+        enough: whether the session would have converged with them: the robot may leave the path, and close the scan.
+        expected_error: expected error with the samples that were assessed last, in metres; before that, the session's.
+        error_quantile: 95 % quantile of the error with the samples that were assessed last, in metres; before that, the
+            session's.
+    """
+
+    told: int
+    enough: bool
+    expected_error: float
+    error_quantile: float
+
+
 @dataclass(frozen=True)
 class ScanSummary:
     """A scan that was used.
 
     Attributes:
         scan_id: name of the scan.
-        region_id: name of the region that was scanned.
+        path_id: name of what the path followed, from its plan.
+        region_id: name of the region that was scanned; null if the path followed none.
         samples: number of samples.
         returns: number of samples with a range.
-        length: length of the tip's path, in metres.
-        duration: duration of the tip's path, in seconds.
+        length: length of the tip's path, in metres: of the plan, or of the samples where they were told as it moved.
+        duration: duration of the tip's path, in seconds: of the samples, and at least of the plan unless they were told
+            as it moved.
         expected_error: the estimate's expected error after the scan, in metres.
     """
 
     scan_id: str
-    region_id: str
+    path_id: str
+    region_id: str | None
     samples: int
     returns: int
     length: float

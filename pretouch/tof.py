@@ -5,6 +5,7 @@ Tip frame: z along the beam. Module k of the finger sits at `tip_T_module[k]`, i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,6 +19,8 @@ MAX_SAMPLES = 20_000
 MAX_TIME = 1e12
 """s; 30,000 years either way."""
 STATUS_OK = 0
+_EMPTY_COLUMNS = {"t": (0,), "base_T_tip": (0, 4, 4), "range": (0,), "status": (0,), "module": (0,)}
+"""The shapes of the columns of no samples."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,11 @@ class Sensor:
                     "Need 0 <= range_min < range_max <= 10 m, 0 < range_std <= 0.1 m, 0 <= beam_half_angle < pi/4 rad, "
                     "0 < rate <= 10000 Hz, 1 to 256 modules.",
                 )
+
+    @property
+    def longest_scan(self) -> float:
+        """s: the duration of a scan of MAX_SAMPLES samples of all modules."""
+        return (MAX_SAMPLES / len(self.tip_T_module) - 1) / self.rate
 
     @property
     def spot_radius(self) -> float:
@@ -128,6 +136,27 @@ class RangeSamples:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
+    @staticmethod
+    def concatenate(parts: Sequence[RangeSamples]) -> RangeSamples:
+        """The samples of all parts, one part after the other; without parts, none.
+
+        Raises:
+            InvalidInput: a part begins before the one before it ends.
+            TooLarge: more than MAX_SAMPLES.
+        """
+        return RangeSamples(**_join(parts))
+
+    @staticmethod
+    def merge(parts: Sequence[RangeSamples]) -> RangeSamples:
+        """The samples of all parts in the order of time; raises `TooLarge`."""
+        columns = _join(parts)
+        order = np.argsort(columns["t"], kind="stable")
+        return RangeSamples(**{name: column[order] for name, column in columns.items()})
+
+    def select(self, index: slice | NDArray[Any]) -> RangeSamples:
+        """The samples at `index`, a slice or a mask."""
+        return RangeSamples(**{name: column[index] for name, column in _join([self]).items()})
+
     def __len__(self) -> int:
         return len(self.t)
 
@@ -159,6 +188,14 @@ class RangeSamples:
             directions=base_T_module[:, :3, 2],
             ranges=np.where(returned, self.range, np.nan),
         )
+
+
+def _join(parts: Sequence[RangeSamples]) -> dict[str, NDArray[Any]]:
+    """The columns of all parts, one part after the other."""
+    return {
+        name: np.concatenate([np.zeros(shape), *(getattr(part, name) for part in parts)])
+        for name, shape in _EMPTY_COLUMNS.items()
+    }
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,13 @@ from numpy.typing import ArrayLike
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, frozen_array, rotations_from_vectors, vector_from_rotation
 
+APPROACH_SECONDS = 1.5
+"""s: what a scan costs the robot besides its duration: to lift the tip from the scan before, travel, and come down.
+
+A round number: with a clearance of 15 cm and 25 cm/s the simulated robot takes 1.3 s for the first scan, from above it,
+and 1.9 s for each later one (means over six meshes, four scans each).
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -62,7 +69,9 @@ class Trajectory:
         a, b = self.base_T_tip[after - 1], self.base_T_tip[after]
         poses = np.tile(np.eye(4), (len(wanted), 1, 1))
         poses[:, :3, 3] = a[:, :3, 3] + share[:, None] * (b[:, :3, 3] - a[:, :3, 3])
-        poses[:, :3, :3] = a[:, :3, :3] @ rotations_from_vectors(share[:, None] * self._turns[after - 1])
+        poses[:, :3, :3] = a[:, :3, :3]
+        if self._turns.any():
+            poses[:, :3, :3] @= rotations_from_vectors(share[:, None] * self._turns[after - 1])
         return poses
 
     @cached_property
@@ -74,11 +83,14 @@ class Trajectory:
             turns[k] = vector_from_rotation(steps[k])
         return turns
 
-    def beginning(self, share: float) -> Trajectory:
-        """The first `share`, in (0, 1], of its duration."""
-        end = self.t[0] + share * self.duration
-        before = self.t < end - 1e-9
-        times = np.append(self.t[before], end) if share < 1 else self.t
+    def between(self, start: float, end: float) -> Trajectory:
+        """The piece from `start` to `end`, s, at the same times.
+
+        Raises:
+            InvalidInput: it leaves the trajectory, or ends before it starts.
+        """
+        within = (self.t > start + 1e-9) & (self.t < end - 1e-9)
+        times = np.concatenate([[start], self.t[within], [end][: end != start]])
         return Trajectory(times, self.at(times))
 
     def sampled(self, rate: float) -> Trajectory:

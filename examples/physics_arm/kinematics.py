@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from examples.physics_arm.world import World
+from examples.physics_arm.world import World, get_tip_pose
+from pretouch.client import Reflex
 from pretouch.geometry import vector_from_rotation
 
 Array = NDArray[np.float64]
@@ -26,18 +27,30 @@ _FASTEST = 1.5
 """rad/s of any joint."""
 
 
-def follow(world: World, times: Array, base_T_tip: Array) -> Array | None:
+def follow(world: World, times: Array, base_T_tip: Array, start: Array | None = None) -> Array | None:
     """The joint angles (n, 7), rad, that lead the tip along poses (n, 4, 4) at times (n,), s, turned about the beam.
 
+    `start`: angles (7,) near which the first ones are searched; None: anywhere.
     None where no turn about the beam is within reach, limits and joint speeds, and clear of table and arm.
     """
     for turn in _TURNS:
         spin = np.eye(4)
         spin[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        path = _solve_path(world, base_T_tip @ spin)
+        path = _solve_path(world, base_T_tip @ spin, _STARTS if start is None else [start])
         if path is not None and (np.abs(np.diff(path, axis=0)) <= _FASTEST * np.diff(times)[:, None]).all():
             return path
     return None
+
+
+def raise_tip(world: World, joints: Array, reflex: Reflex) -> Array | None:
+    """The joint angles (7,), rad, that hold the tip above where `joints` would, as `reflex` lifts it.
+
+    None where they are out of reach or limits.
+    """
+    state = mujoco.MjData(world.model)
+    state.qpos[:] = joints
+    mujoco.mj_fwdPosition(world.model, state)
+    return _solve(world, state, reflex.raise_tip(get_tip_pose(state)), [joints])
 
 
 def collides(world: World, joints: Array) -> bool:
@@ -52,11 +65,11 @@ def _touches_known_things(world: World, state: mujoco.MjData) -> bool:
     return not np.isin(state.contact.geom, world.object_geoms()).any(axis=1).all()
 
 
-def _solve_path(world: World, poses: Array) -> Array | None:
+def _solve_path(world: World, poses: Array, starts: Sequence[Array]) -> Array | None:
     path: list[Array] = []
     state = mujoco.MjData(world.model)
     for pose in poses:
-        joints = _solve(world, state, pose, path[-1:] or _STARTS)
+        joints = _solve(world, state, pose, path[-1:] or starts)
         if joints is None or _touches_known_things(world, state):
             return None
         path.append(joints)

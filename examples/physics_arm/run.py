@@ -14,7 +14,7 @@ from examples.physics_arm.truth import Truth
 from examples.physics_arm.world import World
 from pretouch.client import RestClient, drive
 from pretouch.geometry import Pose
-from pretouch.session import ScanPlan, SessionRequest, Skipped, State, Submission, Tolerance
+from pretouch.session import ScanSettings, SessionRequest, State, Tolerance
 
 
 @dataclass(frozen=True)
@@ -41,17 +41,17 @@ def run(client: RestClient, object_name: str, seed: int, tolerance: Tolerance) -
     view = photograph(world, random)
     truth = Truth.hidden(view, random)
     robot = Robot(world, Finger(world, random))
-    skipped = 0
 
-    def scan(plan: ScanPlan) -> Submission:
-        nonlocal skipped
-        submission = robot.scan(plan)
-        skipped += isinstance(submission, Skipped)
-        return submission
-
-    request = SessionRequest(INTRINSICS, truth.believed, depth_scale=DEPTH_UNIT, tolerance=tolerance, sensor=SENSOR)
+    request = SessionRequest(
+        INTRINSICS,
+        truth.believed,
+        depth_scale=DEPTH_UNIT,
+        tolerance=tolerance,
+        sensor=SENSOR,
+        scan=ScanSettings(guarded=True),
+    )
     session = client.create_session(request, view.depth)
-    *_, session = drive(client, session, scan)
+    *_, session = drive(client, session, robot.scan)
     estimate = session.estimate
     return Result(
         object_name,
@@ -62,7 +62,7 @@ def run(client: RestClient, object_name: str, seed: int, tolerance: Tolerance) -
         covered=truth.is_covered(estimate),
         state=session.state,
         scans=session.budget_used.scans,
-        skipped=skipped,
+        skipped=robot.skipped,
         touches=robot.touches,
         seconds=session.budget_used.seconds,
     )

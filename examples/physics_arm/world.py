@@ -50,6 +50,14 @@ _WORLD = """
 </mujoco>"""
 
 
+def get_tip_pose(state: mujoco.MjData) -> NDArray[np.float64]:
+    """(4, 4): where the sensor is in `state`, in base."""
+    site = state.site("tip")
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = site.xmat.reshape(3, 3), site.xpos
+    return pose
+
+
 @dataclass(frozen=True, eq=False)
 class World:
     """The model and its state; the arm starts at ASIDE."""
@@ -80,10 +88,7 @@ class World:
 
     def base_T_tip(self) -> NDArray[np.float64]:
         """(4, 4): where the sensor is now."""
-        site = self.data.site("tip")
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = site.xmat.reshape(3, 3), site.xpos
-        return pose
+        return get_tip_pose(self.data)
 
     def is_touching(self) -> bool:
         """Whether the arm touches the object, the table or itself."""

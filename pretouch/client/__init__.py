@@ -14,10 +14,12 @@ a point in b to a; the planned poses `base_T_tip` are those of the fingertip sen
 
 from pretouch.client.api import SessionPage
 from pretouch.client.asynchronous import AsyncClient
-from pretouch.client.drive import drive, drive_async
+from pretouch.client.drive import ScanPiece, drive, drive_async
 from pretouch.client.events import Event
 from pretouch.client.grpc import AsyncGrpcClient, GrpcClient
+from pretouch.client.guard import Guard
 from pretouch.client.images import ImageLike
+from pretouch.client.reflex import Reflex, add_descent
 from pretouch.client.rest import AsyncRestClient, RestClient
 from pretouch.client.synchronous import SyncClient
 
@@ -27,10 +29,14 @@ __all__ = [
     "AsyncRestClient",
     "Event",
     "GrpcClient",
+    "Guard",
     "ImageLike",
+    "Reflex",
     "RestClient",
+    "ScanPiece",
     "SessionPage",
     "SyncClient",
+    "add_descent",
     "drive",
     "drive_async",
 ]

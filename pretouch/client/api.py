@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from pretouch.client.images import ImageLike
-from pretouch.session import ScanPlan, Session, SessionRequest, Submission
+from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
 
 MessageT = TypeVar("MessageT")
 """A request in the protocol's own form."""
@@ -60,6 +60,9 @@ class SessionApi(ABC, Generic[MessageT, AnswerT]):
 
     @abstractmethod
     def submit(self, session_id: str, scan_id: str, submission: Submission) -> Call[MessageT, AnswerT, Session]: ...
+
+    @abstractmethod
+    def tell(self, session_id: str, scan_id: str, telling: Telling) -> Call[MessageT, AnswerT, ScanProgress]: ...
 
     @abstractmethod
     def cancel(self, session_id: str) -> Call[MessageT, AnswerT, None]: ...

@@ -15,7 +15,7 @@ from pretouch.client.events import Event, StreamProgress, stream_broken
 from pretouch.client.images import ImageLike
 from pretouch.client.retries import Attempts
 from pretouch.errors import DeadlineExceeded, PretouchError
-from pretouch.session import ScanPlan, Session, SessionRequest, Submission
+from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
 
 
 class AsyncClient(ABC, Generic[MessageT, AnswerT]):
@@ -83,6 +83,18 @@ class AsyncClient(ABC, Generic[MessageT, AnswerT]):
     ) -> Session:
         """Submits the result of a planned scan. Repeating a scan changes nothing and returns the present session."""
         return await self._run(self._api.submit(session_id, scan_id, submission), timeout)
+
+    async def tell(
+        self, session_id: str, scan_id: str, telling: Telling, *, timeout: float | None = None
+    ) -> ScanProgress:
+        """Tells samples of a planned scan while the robot moves: the robot may leave the path once they are `enough`.
+
+        Repeating a chunk changes nothing. `submit` closes the scan, with the rest of its samples or none.
+
+        Raises:
+            Conflict: the scan is closed, or samples before the chunk are missing; the detail says how many were told.
+        """
+        return await self._run(self._api.tell(session_id, scan_id, telling), timeout)
 
     async def cancel(self, session_id: str, *, timeout: float | None = None) -> None:
         """Cancels a session; one that has ended keeps its state."""

@@ -12,9 +12,15 @@ from google.protobuf.message import Message
 from pretouch.client.api import Call, ResultT, SessionApi, SessionPage
 from pretouch.client.images import ImageLike, load_depth, load_mask
 from pretouch.errors import Conflict, Internal, InvalidInput
-from pretouch.session import ScanPlan, Session, SessionRequest, Submission
+from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
 from pretouch.v1 import orchestrator_pb2 as pb
-from pretouch.wire.session import request_to_proto, session_from_proto, submission_to_proto
+from pretouch.wire.session import (
+    progress_from_proto,
+    request_to_proto,
+    session_from_proto,
+    submission_to_proto,
+    telling_to_proto,
+)
 
 
 @dataclass(frozen=True)
@@ -60,12 +66,19 @@ class GrpcSessionApi(SessionApi[RpcMessage, Any]):
     def submit(self, session_id: str, scan_id: str, submission: Submission) -> Call[RpcMessage, Any, Session]:
         return Call(RpcMessage("SubmitScan", submission_to_proto(session_id, scan_id, submission)), _decode_session)
 
+    def tell(self, session_id: str, scan_id: str, telling: Telling) -> Call[RpcMessage, Any, ScanProgress]:
+        return Call(RpcMessage("TellSamples", telling_to_proto(session_id, scan_id, telling)), _decode_progress)
+
     def cancel(self, session_id: str) -> Call[RpcMessage, Any, None]:
         return Call(RpcMessage("CancelSession", pb.CancelSessionRequest(session_id=session_id)), lambda _: None)
 
 
 def _decode_session(answer: Any) -> Session:
     return _decode(lambda: session_from_proto(answer.session))
+
+
+def _decode_progress(answer: pb.TellSamplesResponse) -> ScanProgress:
+    return _decode(lambda: progress_from_proto(answer.progress))
 
 
 def _decode_page(answer: pb.ListSessionsResponse) -> SessionPage:

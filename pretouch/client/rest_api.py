@@ -14,13 +14,15 @@ import httpx
 from pretouch.client.api import Call, ResultT, SessionApi, SessionPage
 from pretouch.client.images import ImageLike, encode_depth, encode_mask
 from pretouch.errors import WIRE, DeadlineExceeded, Internal, InvalidInput, PretouchError, Unavailable, from_problem
-from pretouch.session import ScanPlan, Session, SessionRequest, Submission
+from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
 from pretouch.wire.json import (
+    progress_from_json,
     request_to_json,
     scan_plan_from_json,
     session_from_json,
     session_page_from_json,
     submission_to_json,
+    telling_to_json,
 )
 
 
@@ -65,9 +67,12 @@ class RestSessionApi(SessionApi[HttpMessage, httpx.Response]):
     def submit(
         self, session_id: str, scan_id: str, submission: Submission
     ) -> Call[HttpMessage, httpx.Response, Session]:
-        path = f"{session_path(session_id)}/scans/{quote(scan_id, safe='')}"
-        message = HttpMessage("POST", path, {"json": submission_to_json(submission)})
+        message = HttpMessage("POST", _scan_path(session_id, scan_id), {"json": submission_to_json(submission)})
         return Call(message, _decode_with(session_from_json))
+
+    def tell(self, session_id: str, scan_id: str, telling: Telling) -> Call[HttpMessage, httpx.Response, ScanProgress]:
+        path = f"{_scan_path(session_id, scan_id)}/samples"
+        return Call(HttpMessage("POST", path, {"json": telling_to_json(telling)}), _decode_with(progress_from_json))
 
     def cancel(self, session_id: str) -> Call[HttpMessage, httpx.Response, None]:
         return Call(HttpMessage("DELETE", session_path(session_id)), raise_for_problem)
@@ -75,6 +80,10 @@ class RestSessionApi(SessionApi[HttpMessage, httpx.Response]):
 
 def session_path(session_id: str) -> str:
     return f"/v1/sessions/{quote(session_id, safe='')}"
+
+
+def _scan_path(session_id: str, scan_id: str) -> str:
+    return f"{session_path(session_id)}/scans/{quote(scan_id, safe='')}"
 
 
 def raise_for_problem(response: httpx.Response) -> None:

@@ -12,7 +12,7 @@ from pretouch.client.events import Event, StreamProgress, stream_broken
 from pretouch.client.images import ImageLike
 from pretouch.client.retries import Attempts
 from pretouch.errors import DeadlineExceeded, PretouchError
-from pretouch.session import ScanPlan, Session, SessionRequest, Submission
+from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
 
 
 class SyncClient(ABC, Generic[MessageT, AnswerT]):
@@ -77,6 +77,16 @@ class SyncClient(ABC, Generic[MessageT, AnswerT]):
     def submit(self, session_id: str, scan_id: str, submission: Submission, *, timeout: float | None = None) -> Session:
         """Submits the result of a planned scan. Repeating a scan changes nothing and returns the present session."""
         return self._run(self._api.submit(session_id, scan_id, submission), timeout)
+
+    def tell(self, session_id: str, scan_id: str, telling: Telling, *, timeout: float | None = None) -> ScanProgress:
+        """Tells samples of a planned scan while the robot moves: the robot may leave the path once they are `enough`.
+
+        Repeating a chunk changes nothing. `submit` closes the scan, with the rest of its samples or none.
+
+        Raises:
+            Conflict: the scan is closed, or samples before the chunk are missing; the detail says how many were told.
+        """
+        return self._run(self._api.tell(session_id, scan_id, telling), timeout)
 
     def cancel(self, session_id: str, *, timeout: float | None = None) -> None:
         """Cancels a session; one that has ended keeps its state."""

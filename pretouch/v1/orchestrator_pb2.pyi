@@ -142,24 +142,34 @@ class ScanSettings(_message.Message):
 
     STANDOFF_FIELD_NUMBER: _builtins.int
     SPEED_FIELD_NUMBER: _builtins.int
+    GUARDED_FIELD_NUMBER: _builtins.int
     standoff: _builtins.float
     """Height of the tip above the surface, in metres. Left out: 0.03."""
     speed: _builtins.float
     """Largest speed of the tip, in metres per second. Left out: 0.05."""
+    guarded: _builtins.bool
+    """Whether the robot itself lifts the tip while a range is below 10 mm; paths are then planned from what is expected
+    instead of the worst case. Left out: false.
+    """
     def __init__(
         self,
         *,
         standoff: _builtins.float | None = ...,
         speed: _builtins.float | None = ...,
+        guarded: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_speed", b"_speed", "_standoff", b"_standoff", "speed", b"speed", "standoff", b"standoff"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_guarded", b"_guarded", "_speed", b"_speed", "_standoff", b"_standoff", "guarded", b"guarded", "speed", b"speed", "standoff", b"standoff"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_speed", b"_speed", "_standoff", b"_standoff", "speed", b"speed", "standoff", b"standoff"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_guarded", b"_guarded", "_speed", b"_speed", "_standoff", b"_standoff", "guarded", b"guarded", "speed", b"speed", "standoff", b"standoff"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__guarded: _TypeAlias = _typing.Literal["guarded"]  # noqa: Y015
+    _WhichOneofArgType__guarded: _TypeAlias = _typing.Literal["_guarded", b"_guarded"]  # noqa: Y015
     _WhichOneofReturnType__speed: _TypeAlias = _typing.Literal["speed"]  # noqa: Y015
     _WhichOneofArgType__speed: _TypeAlias = _typing.Literal["_speed", b"_speed"]  # noqa: Y015
     _WhichOneofReturnType__standoff: _TypeAlias = _typing.Literal["standoff"]  # noqa: Y015
     _WhichOneofArgType__standoff: _TypeAlias = _typing.Literal["_standoff", b"_standoff"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__guarded) -> _WhichOneofReturnType__guarded | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__speed) -> _WhichOneofReturnType__speed | None: ...
     @_typing.overload
@@ -357,14 +367,22 @@ class ScanPlan(_message.Message):
     BASE_T_TIP_FIELD_NUMBER: _builtins.int
     LENGTH_FIELD_NUMBER: _builtins.int
     DURATION_FIELD_NUMBER: _builtins.int
+    PATH_ID_FIELD_NUMBER: _builtins.int
+    EXPECTED_RETURNS_FIELD_NUMBER: _builtins.int
     scan_id: _builtins.str
     """Name of the scan, with which its samples are submitted."""
     region_id: _builtins.str
-    """Name of the region that the path follows."""
+    """Name of the region that the path follows; null if it follows none."""
     length: _builtins.float
     """Length of the tip's path, in metres."""
     duration: _builtins.float
     """Duration of the tip's path, in seconds."""
+    path_id: _builtins.str
+    """Name of what the path follows: a region's id for its perimeter or a part of it, line-1, .. straight across the
+    object, nearby-1, .. over the table or things beside the object.
+    """
+    expected_returns: _builtins.float
+    """Share of the samples that are expected to return a range, in [0, 1]."""
     @_builtins.property
     def t(self) -> _common_pb2.Array:
         """n, FLOAT64: times of the waypoints, in seconds from 0, strictly increasing."""
@@ -379,17 +397,21 @@ class ScanPlan(_message.Message):
         self,
         *,
         scan_id: _builtins.str = ...,
-        region_id: _builtins.str = ...,
+        region_id: _builtins.str | None = ...,
         t: _common_pb2.Array | None = ...,
         base_t_tip: _common_pb2.Array | None = ...,
         length: _builtins.float = ...,
         duration: _builtins.float = ...,
+        path_id: _builtins.str = ...,
+        expected_returns: _builtins.float = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_tip", b"base_t_tip", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_region_id", b"_region_id", "base_t_tip", b"base_t_tip", "region_id", b"region_id", "t", b"t"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_tip", b"base_t_tip", "duration", b"duration", "length", b"length", "region_id", b"region_id", "scan_id", b"scan_id", "t", b"t"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_region_id", b"_region_id", "base_t_tip", b"base_t_tip", "duration", b"duration", "expected_returns", b"expected_returns", "length", b"length", "path_id", b"path_id", "region_id", b"region_id", "scan_id", b"scan_id", "t", b"t"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__region_id: _TypeAlias = _typing.Literal["region_id"]  # noqa: Y015
+    _WhichOneofArgType__region_id: _TypeAlias = _typing.Literal["_region_id", b"_region_id"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__region_id) -> _WhichOneofReturnType__region_id | None: ...
 
 Global___ScanPlan: _TypeAlias = ScanPlan  # noqa: Y015
 
@@ -406,36 +428,42 @@ class ScanSummary(_message.Message):
     LENGTH_FIELD_NUMBER: _builtins.int
     DURATION_FIELD_NUMBER: _builtins.int
     EXPECTED_ERROR_FIELD_NUMBER: _builtins.int
+    PATH_ID_FIELD_NUMBER: _builtins.int
     scan_id: _builtins.str
     """Name of the scan."""
     region_id: _builtins.str
-    """Name of the region that was scanned."""
+    """Name of the region that was scanned; null if the path followed none."""
     samples: _builtins.int
     """Number of samples."""
     returns: _builtins.int
     """Number of samples with a range."""
     length: _builtins.float
-    """Length of the tip's path, in metres."""
+    """Length of the tip's path, in metres: of the plan, or of the samples where they were told as it moved."""
     duration: _builtins.float
-    """Duration of the tip's path, in seconds."""
+    """Duration of the tip's path, in seconds: of the samples, and at least of the plan unless they were told as it moved."""
     expected_error: _builtins.float
     """The estimate's expected error after the scan, in metres."""
+    path_id: _builtins.str
+    """Name of what the path followed, from its plan."""
     def __init__(
         self,
         *,
         scan_id: _builtins.str = ...,
-        region_id: _builtins.str = ...,
+        region_id: _builtins.str | None = ...,
         samples: _builtins.int = ...,
         returns: _builtins.int = ...,
         length: _builtins.float = ...,
         duration: _builtins.float = ...,
         expected_error: _builtins.float = ...,
+        path_id: _builtins.str = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_region_id", b"_region_id", "region_id", b"region_id"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["duration", b"duration", "expected_error", b"expected_error", "length", b"length", "region_id", b"region_id", "returns", b"returns", "samples", b"samples", "scan_id", b"scan_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_region_id", b"_region_id", "duration", b"duration", "expected_error", b"expected_error", "length", b"length", "path_id", b"path_id", "region_id", b"region_id", "returns", b"returns", "samples", b"samples", "scan_id", b"scan_id"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__region_id: _TypeAlias = _typing.Literal["region_id"]  # noqa: Y015
+    _WhichOneofArgType__region_id: _TypeAlias = _typing.Literal["_region_id", b"_region_id"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__region_id) -> _WhichOneofReturnType__region_id | None: ...
 
 Global___ScanSummary: _TypeAlias = ScanSummary  # noqa: Y015
 
@@ -768,7 +796,7 @@ class SubmitScanRequest(_message.Message):
     """Name of the scan, from its plan."""
     @_builtins.property
     def samples(self) -> _common_pb2.Samples:
-        """The samples, with tip poses in base."""
+        """The samples, with tip poses in base; where samples were told during the scan, those that were not, or none."""
 
     @_builtins.property
     def points(self) -> Global___Points:
@@ -825,6 +853,129 @@ class SubmitScanResponse(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SubmitScanResponse: _TypeAlias = SubmitScanResponse  # noqa: Y015
+
+@_typing.final
+class SampleChunk(_message.Message):
+    """Samples of a scan that is under way."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FROM_FIELD_NUMBER: _builtins.int
+    SAMPLES_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def samples(self) -> _common_pb2.Samples:
+        """The samples, with tip poses in base; none to ask for the progress only."""
+
+    def __init__(
+        self,
+        *,
+        samples: _common_pb2.Samples | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["samples", b"samples"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["from", b"from", "samples", b"samples"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SampleChunk: _TypeAlias = SampleChunk  # noqa: Y015
+
+@_typing.final
+class TellSamplesRequest(_message.Message):
+    """Tells samples of a scan while the robot moves."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SESSION_ID_FIELD_NUMBER: _builtins.int
+    SCAN_ID_FIELD_NUMBER: _builtins.int
+    CHUNK_FIELD_NUMBER: _builtins.int
+    GATEWAY_FIELD_NUMBER: _builtins.int
+    session_id: _builtins.str
+    """Name of the session; on RunSession it may be empty."""
+    scan_id: _builtins.str
+    """Name of the scan, from its plan."""
+    @_builtins.property
+    def chunk(self) -> Global___SampleChunk:
+        """The samples themselves."""
+
+    @_builtins.property
+    def gateway(self) -> Global___GatewaySpan:
+        """The samples of a span of time, which the gateway holds; those that were told before count once."""
+
+    def __init__(
+        self,
+        *,
+        session_id: _builtins.str = ...,
+        scan_id: _builtins.str = ...,
+        chunk: Global___SampleChunk | None = ...,
+        gateway: Global___GatewaySpan | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["chunk", b"chunk", "gateway", b"gateway", "telling", b"telling"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["chunk", b"chunk", "gateway", b"gateway", "scan_id", b"scan_id", "session_id", b"session_id", "telling", b"telling"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType_telling: _TypeAlias = _typing.Literal["chunk", "gateway"]  # noqa: Y015
+    _WhichOneofArgType_telling: _TypeAlias = _typing.Literal["telling", b"telling"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_telling) -> _WhichOneofReturnType_telling | None: ...
+
+Global___TellSamplesRequest: _TypeAlias = TellSamplesRequest  # noqa: Y015
+
+@_typing.final
+class ScanProgress(_message.Message):
+    """What the samples of a scan under way have told so far."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TOLD_FIELD_NUMBER: _builtins.int
+    ENOUGH_FIELD_NUMBER: _builtins.int
+    EXPECTED_ERROR_FIELD_NUMBER: _builtins.int
+    ERROR_QUANTILE_FIELD_NUMBER: _builtins.int
+    told: _builtins.int
+    """Number of the scan's samples that were told."""
+    enough: _builtins.bool
+    """Whether the session would have converged with them: the robot may leave the path, and close the scan."""
+    expected_error: _builtins.float
+    """Expected error with the samples that were assessed last, in metres; before that, the session's."""
+    error_quantile: _builtins.float
+    """95 % quantile of the error with the samples that were assessed last, in metres; before that, the session's."""
+    def __init__(
+        self,
+        *,
+        told: _builtins.int = ...,
+        enough: _builtins.bool = ...,
+        expected_error: _builtins.float = ...,
+        error_quantile: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["enough", b"enough", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "told", b"told"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ScanProgress: _TypeAlias = ScanProgress  # noqa: Y015
+
+@_typing.final
+class TellSamplesResponse(_message.Message):
+    """The progress of the scan."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PROGRESS_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def progress(self) -> Global___ScanProgress:
+        """The progress."""
+
+    def __init__(
+        self,
+        *,
+        progress: Global___ScanProgress | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["progress", b"progress"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["progress", b"progress"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___TellSamplesResponse: _TypeAlias = TellSamplesResponse  # noqa: Y015
 
 @_typing.final
 class CancelSessionRequest(_message.Message):
@@ -937,6 +1088,7 @@ class RunSessionRequest(_message.Message):
     CREATE_FIELD_NUMBER: _builtins.int
     SESSION_ID_FIELD_NUMBER: _builtins.int
     SCAN_FIELD_NUMBER: _builtins.int
+    SAMPLES_FIELD_NUMBER: _builtins.int
     session_id: _builtins.str
     """The first message to continue a session: its name."""
     @_builtins.property
@@ -947,18 +1099,23 @@ class RunSessionRequest(_message.Message):
     def scan(self) -> Global___SubmitScanRequest:
         """The result of a scan; its session_id may be empty."""
 
+    @_builtins.property
+    def samples(self) -> Global___TellSamplesRequest:
+        """Samples of a scan under way."""
+
     def __init__(
         self,
         *,
         create: Global___CreateSessionRequest | None = ...,
         session_id: _builtins.str = ...,
         scan: Global___SubmitScanRequest | None = ...,
+        samples: Global___TellSamplesRequest | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["create", b"create", "scan", b"scan", "session_id", b"session_id", "step", b"step"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["create", b"create", "samples", b"samples", "scan", b"scan", "session_id", b"session_id", "step", b"step"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["create", b"create", "scan", b"scan", "session_id", b"session_id", "step", b"step"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["create", b"create", "samples", b"samples", "scan", b"scan", "session_id", b"session_id", "step", b"step"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_step: _TypeAlias = _typing.Literal["create", "session_id", "scan"]  # noqa: Y015
+    _WhichOneofReturnType_step: _TypeAlias = _typing.Literal["create", "session_id", "scan", "samples"]  # noqa: Y015
     _WhichOneofArgType_step: _TypeAlias = _typing.Literal["step", b"step"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_step) -> _WhichOneofReturnType_step | None: ...
 
@@ -966,23 +1123,29 @@ Global___RunSessionRequest: _TypeAlias = RunSessionRequest  # noqa: Y015
 
 @_typing.final
 class RunSessionResponse(_message.Message):
-    """The session after each step."""
+    """The answer to each step."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
     SESSION_FIELD_NUMBER: _builtins.int
+    PROGRESS_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def session(self) -> Global___Session:
-        """The session."""
+        """The session after the step; left out where `progress` is given."""
+
+    @_builtins.property
+    def progress(self) -> Global___ScanProgress:
+        """After samples of a scan under way: its progress."""
 
     def __init__(
         self,
         *,
         session: Global___Session | None = ...,
+        progress: Global___ScanProgress | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["session", b"session"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["progress", b"progress", "session", b"session"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["session", b"session"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["progress", b"progress", "session", b"session"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -55,6 +55,11 @@ class OrchestratorServiceStub:
                 request_serializer=pretouch_dot_v1_dot_orchestrator__pb2.SubmitScanRequest.SerializeToString,
                 response_deserializer=pretouch_dot_v1_dot_orchestrator__pb2.SubmitScanResponse.FromString,
                 _registered_method=True)
+        self.TellSamples = channel.unary_unary(
+                '/pretouch.v1.OrchestratorService/TellSamples',
+                request_serializer=pretouch_dot_v1_dot_orchestrator__pb2.TellSamplesRequest.SerializeToString,
+                response_deserializer=pretouch_dot_v1_dot_orchestrator__pb2.TellSamplesResponse.FromString,
+                _registered_method=True)
         self.CancelSession = channel.unary_unary(
                 '/pretouch.v1.OrchestratorService/CancelSession',
                 request_serializer=pretouch_dot_v1_dot_orchestrator__pb2.CancelSessionRequest.SerializeToString,
@@ -105,6 +110,13 @@ class OrchestratorServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def TellSamples(self, request, context):
+        """Takes samples of a scan while the robot moves, and says whether they are enough. Repeating a chunk changes nothing.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def CancelSession(self, request, context):
         """Cancels a session; one that has ended keeps its state.
         """
@@ -120,7 +132,8 @@ class OrchestratorServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def RunSession(self, request_iterator, context):
-        """Runs a whole session on one stream: `create` or `session_id` first, then scans; each is answered with the session.
+        """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
+        and samples of scans under way, answered with the scan's progress.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -148,6 +161,11 @@ def add_OrchestratorServiceServicer_to_server(servicer, server):
                     servicer.SubmitScan,
                     request_deserializer=pretouch_dot_v1_dot_orchestrator__pb2.SubmitScanRequest.FromString,
                     response_serializer=pretouch_dot_v1_dot_orchestrator__pb2.SubmitScanResponse.SerializeToString,
+            ),
+            'TellSamples': grpc.unary_unary_rpc_method_handler(
+                    servicer.TellSamples,
+                    request_deserializer=pretouch_dot_v1_dot_orchestrator__pb2.TellSamplesRequest.FromString,
+                    response_serializer=pretouch_dot_v1_dot_orchestrator__pb2.TellSamplesResponse.SerializeToString,
             ),
             'CancelSession': grpc.unary_unary_rpc_method_handler(
                     servicer.CancelSession,
@@ -274,6 +292,33 @@ class OrchestratorService:
             '/pretouch.v1.OrchestratorService/SubmitScan',
             pretouch_dot_v1_dot_orchestrator__pb2.SubmitScanRequest.SerializeToString,
             pretouch_dot_v1_dot_orchestrator__pb2.SubmitScanResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def TellSamples(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/pretouch.v1.OrchestratorService/TellSamples',
+            pretouch_dot_v1_dot_orchestrator__pb2.TellSamplesRequest.SerializeToString,
+            pretouch_dot_v1_dot_orchestrator__pb2.TellSamplesResponse.FromString,
             options,
             channel_credentials,
             insecure,

@@ -47,12 +47,16 @@ class OrchestratorServiceStub:
     """Takes the result of a scan and returns the session with its next plan. Repeating a scan returns the present
     session.
     """
+    TellSamples: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.TellSamplesRequest, _orchestrator_pb2.TellSamplesResponse]
+    """Takes samples of a scan while the robot moves, and says whether they are enough. Repeating a chunk changes nothing."""
     CancelSession: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.CancelSessionRequest, _orchestrator_pb2.CancelSessionResponse]
     """Cancels a session; one that has ended keeps its state."""
     StreamEvents: _grpc.UnaryStreamMultiCallable[_orchestrator_pb2.StreamEventsRequest, _orchestrator_pb2.StreamEventsResponse]
     """Streams the session's events, from its start or after an id, until it ends."""
     RunSession: _grpc.StreamStreamMultiCallable[_orchestrator_pb2.RunSessionRequest, _orchestrator_pb2.RunSessionResponse]
-    """Runs a whole session on one stream: `create` or `session_id` first, then scans; each is answered with the session."""
+    """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
+    and samples of scans under way, answered with the scan's progress.
+    """
 
 @_typing.type_check_only
 class OrchestratorServiceAsyncStub(OrchestratorServiceStub):
@@ -69,12 +73,16 @@ class OrchestratorServiceAsyncStub(OrchestratorServiceStub):
     """Takes the result of a scan and returns the session with its next plan. Repeating a scan returns the present
     session.
     """
+    TellSamples: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.TellSamplesRequest, _orchestrator_pb2.TellSamplesResponse]  # type: ignore[assignment]
+    """Takes samples of a scan while the robot moves, and says whether they are enough. Repeating a chunk changes nothing."""
     CancelSession: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.CancelSessionRequest, _orchestrator_pb2.CancelSessionResponse]  # type: ignore[assignment]
     """Cancels a session; one that has ended keeps its state."""
     StreamEvents: _aio.UnaryStreamMultiCallable[_orchestrator_pb2.StreamEventsRequest, _orchestrator_pb2.StreamEventsResponse]  # type: ignore[assignment]
     """Streams the session's events, from its start or after an id, until it ends."""
     RunSession: _aio.StreamStreamMultiCallable[_orchestrator_pb2.RunSessionRequest, _orchestrator_pb2.RunSessionResponse]  # type: ignore[assignment]
-    """Runs a whole session on one stream: `create` or `session_id` first, then scans; each is answered with the session."""
+    """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
+    and samples of scans under way, answered with the scan's progress.
+    """
 
 class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
     """Drives scan-until-converged sessions."""
@@ -114,6 +122,14 @@ class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
         """
 
     @_abc_1.abstractmethod
+    def TellSamples(
+        self,
+        request: _orchestrator_pb2.TellSamplesRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_orchestrator_pb2.TellSamplesResponse, _abc.Awaitable[_orchestrator_pb2.TellSamplesResponse]]:
+        """Takes samples of a scan while the robot moves, and says whether they are enough. Repeating a chunk changes nothing."""
+
+    @_abc_1.abstractmethod
     def CancelSession(
         self,
         request: _orchestrator_pb2.CancelSessionRequest,
@@ -135,6 +151,8 @@ class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
         request_iterator: _MaybeAsyncIterator[_orchestrator_pb2.RunSessionRequest],
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_orchestrator_pb2.RunSessionResponse], _abc.AsyncIterator[_orchestrator_pb2.RunSessionResponse]]:
-        """Runs a whole session on one stream: `create` or `session_id` first, then scans; each is answered with the session."""
+        """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
+        and samples of scans under way, answered with the scan's progress.
+        """
 
 def add_OrchestratorServiceServicer_to_server(servicer: OrchestratorServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]) -> None: ...

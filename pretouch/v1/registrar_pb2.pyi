@@ -216,13 +216,40 @@ class RegisterStreamResponse(_message.Message):
 Global___RegisterStreamResponse: _TypeAlias = RegisterStreamResponse  # noqa: Y015
 
 @_typing.final
+class Span(_message.Message):
+    """A span of time."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    START_FIELD_NUMBER: _builtins.int
+    END_FIELD_NUMBER: _builtins.int
+    start: _builtins.float
+    """Start, in seconds."""
+    end: _builtins.float
+    """End, in seconds."""
+    def __init__(
+        self,
+        *,
+        start: _builtins.float = ...,
+        end: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["end", b"end", "start", b"start"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Span: _TypeAlias = Span  # noqa: Y015
+
+@_typing.final
 class CandidatePath(_message.Message):
-    """The path of a scan that is considered."""
+    """A path, and the pieces of it whose scans are considered."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
     BASE_T_TIP_FIELD_NUMBER: _builtins.int
     T_FIELD_NUMBER: _builtins.int
+    SPANS_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def base_t_tip(self) -> _common_pb2.Array:
         """n x 4 x 4, FLOAT64, row-major: poses of the tip in base at the waypoints, translation in metres; the tip frame has
@@ -233,15 +260,20 @@ class CandidatePath(_message.Message):
     def t(self) -> _common_pb2.Array:
         """n, FLOAT64: times of the waypoints, in seconds from 0, strictly increasing."""
 
+    @_builtins.property
+    def spans(self) -> _containers.RepeatedCompositeFieldContainer[Global___Span]:
+        """Start and end of each piece, in seconds on the path's own clock; empty: the whole path."""
+
     def __init__(
         self,
         *,
         base_t_tip: _common_pb2.Array | None = ...,
         t: _common_pb2.Array | None = ...,
+        spans: _abc.Iterable[Global___Span] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_tip", b"base_t_tip", "t", b"t"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_tip", b"base_t_tip", "t", b"t"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_tip", b"base_t_tip", "spans", b"spans", "t", b"t"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -276,7 +308,7 @@ class PredictScansRequest(_message.Message):
 
     @_builtins.property
     def candidates(self) -> _containers.RepeatedCompositeFieldContainer[Global___CandidatePath]:
-        """The candidates' paths, in base."""
+        """The candidates' paths, in base, with at most 2000 pieces together."""
 
     def __init__(
         self,
@@ -299,23 +331,31 @@ Global___PredictScansRequest: _TypeAlias = PredictScansRequest  # noqa: Y015
 
 @_typing.final
 class PredictScansResponse(_message.Message):
-    """The predictions."""
+    """The predictions: one for each span of each candidate, in the order of candidates and their spans, and one for a
+    candidate without spans.
+    """
 
     DESCRIPTOR: _descriptor.Descriptor
 
     EXPECTED_ERRORS_FIELD_NUMBER: _builtins.int
+    EXPECTED_RETURNS_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def expected_errors(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
-        """For each candidate in order: what Estimate.expected_error would become after its scan, in metres."""
+        """What Estimate.expected_error would become after the scan, in metres."""
+
+    @_builtins.property
+    def expected_returns(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """Share of the samples, of all modules, that are expected to come back within the sensor's range."""
 
     def __init__(
         self,
         *,
         expected_errors: _abc.Iterable[_builtins.float] | None = ...,
+        expected_returns: _abc.Iterable[_builtins.float] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["expected_errors", b"expected_errors"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["expected_errors", b"expected_errors", "expected_returns", b"expected_returns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

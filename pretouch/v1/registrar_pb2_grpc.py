@@ -73,7 +73,8 @@ class RegistrarServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def PredictScans(self, request, context):
-        """Predicts the expected error after each candidate scan, given the scans so far.
+        """Predicts the expected error after each candidate scan, and the share of its samples that return, given the scans so
+        far.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -40,7 +40,9 @@ class RegistrarServiceStub:
     RegisterStream: _grpc.StreamStreamMultiCallable[_registrar_pb2.RegisterStreamRequest, _registrar_pb2.RegisterStreamResponse]
     """Takes the target once, in chunks, then scans one by one; answers each scan with an estimate from all scans so far."""
     PredictScans: _grpc.UnaryUnaryMultiCallable[_registrar_pb2.PredictScansRequest, _registrar_pb2.PredictScansResponse]
-    """Predicts the expected error after each candidate scan, given the scans so far."""
+    """Predicts the expected error after each candidate scan, and the share of its samples that return, given the scans so
+    far.
+    """
 
 @_typing.type_check_only
 class RegistrarServiceAsyncStub(RegistrarServiceStub):
@@ -54,7 +56,9 @@ class RegistrarServiceAsyncStub(RegistrarServiceStub):
     RegisterStream: _aio.StreamStreamMultiCallable[_registrar_pb2.RegisterStreamRequest, _registrar_pb2.RegisterStreamResponse]  # type: ignore[assignment]
     """Takes the target once, in chunks, then scans one by one; answers each scan with an estimate from all scans so far."""
     PredictScans: _aio.UnaryUnaryMultiCallable[_registrar_pb2.PredictScansRequest, _registrar_pb2.PredictScansResponse]  # type: ignore[assignment]
-    """Predicts the expected error after each candidate scan, given the scans so far."""
+    """Predicts the expected error after each candidate scan, and the share of its samples that return, given the scans so
+    far.
+    """
 
 class RegistrarServiceServicer(metaclass=_abc_1.ABCMeta):
     """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
@@ -83,6 +87,8 @@ class RegistrarServiceServicer(metaclass=_abc_1.ABCMeta):
         request: _registrar_pb2.PredictScansRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_registrar_pb2.PredictScansResponse, _abc.Awaitable[_registrar_pb2.PredictScansResponse]]:
-        """Predicts the expected error after each candidate scan, given the scans so far."""
+        """Predicts the expected error after each candidate scan, and the share of its samples that return, given the scans so
+        far.
+        """
 
 def add_RegistrarServiceServicer_to_server(servicer: RegistrarServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]) -> None: ...

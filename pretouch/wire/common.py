@@ -87,6 +87,8 @@ def contract_from_proto(message: Message, owner: type[_Owner], path: str) -> _Ow
         left_out = not message.HasField(name) if has_presence else not value and not field.required
         if not left_out:
             given[field.name] = _value_from_proto(value, field.type, f"{path}.{name}")
+        elif type(None) in get_args(field.type):
+            given[field.name] = None
         elif field.required:
             raise InvalidInput(f"{path}.{name} is missing.", f"Send {path}.{name}.")
     return owner(**given)

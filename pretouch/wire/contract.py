@@ -1,7 +1,8 @@
 """The fields of contract types, of which JSON, protobuf messages and the OpenAPI description are derived.
 
 A contract type is a frozen dataclass whose docstring describes every field under "Attributes", with unit and frame. A
-field is a number, a string, a `Pose`, an array of fixed shape such as `Vector3`, a contract type, or a tuple of these.
+field is a number, a boolean, a string, a `Pose`, an array of fixed shape such as `Vector3`, a contract type, or a tuple
+of these.
 """
 
 from __future__ import annotations

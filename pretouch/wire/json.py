@@ -22,6 +22,7 @@ from pretouch.session import (
     Proposer,
     Region,
     ScanPlan,
+    ScanProgress,
     ScanSettings,
     ScanSummary,
     Session,
@@ -32,7 +33,14 @@ from pretouch.session import (
 from pretouch.tof import Sensor
 from pretouch.trajectory import Trajectory
 from pretouch.wire.json_objects import names_in_json, object_from_json, object_to_json, pose_to_json
-from pretouch.wire.json_samples import poses_from_json, poses_to_json, submission_from_json, submission_to_json
+from pretouch.wire.json_samples import (
+    poses_from_json,
+    poses_to_json,
+    submission_from_json,
+    submission_to_json,
+    telling_from_json,
+    telling_to_json,
+)
 from pretouch.wire.reader import Members, prefix_errors, read_integer, read_items, read_pose
 
 __all__ = [
@@ -40,6 +48,8 @@ __all__ = [
     "estimate_to_json",
     "pose_from_json",
     "pose_to_json",
+    "progress_from_json",
+    "progress_to_json",
     "request_from_json",
     "request_to_json",
     "scan_plan_from_json",
@@ -49,6 +59,8 @@ __all__ = [
     "session_to_json",
     "submission_from_json",
     "submission_to_json",
+    "telling_from_json",
+    "telling_to_json",
 ]
 
 _SETTINGS: dict[str, type] = {
@@ -142,6 +154,7 @@ def estimate_from_json(members: Members) -> Estimate:
 def scan_plan_to_json(plan: ScanPlan) -> dict[str, Any]:
     return {
         "scan_id": plan.scan_id,
+        "path_id": plan.path_id,
         "region_id": plan.region_id,
         "waypoints": [
             {"t": t, "base_T_tip": pose}
@@ -149,6 +162,7 @@ def scan_plan_to_json(plan: ScanPlan) -> dict[str, Any]:
         ],
         "length": plan.path.length,
         "duration": plan.path.duration,
+        "expected_returns": plan.expected_returns,
     }
 
 
@@ -160,7 +174,13 @@ def scan_plan_from_json(value: object, path: str = "next_scan") -> ScanPlan:
     ]
     poses = poses_from_json([each.get("base_T_tip") for each in waypoints], f"{path}.waypoints[{{}}].base_T_tip")
     times = np.array([each.number("t") for each in waypoints])
-    return ScanPlan(members.text("scan_id"), members.text("region_id"), Trajectory(times, poses))
+    return ScanPlan(
+        members.text("scan_id"),
+        members.text("path_id"),
+        None if members.get("region_id") is None else members.text("region_id"),
+        Trajectory(times, poses),
+        members.number("expected_returns"),
+    )
 
 
 def session_to_json(session: Session) -> dict[str, Any]:
@@ -203,6 +223,15 @@ def session_from_json(document: object) -> Session:
         base_T_object=estimate.pose("base_T_object") if "base_T_object" in estimate else None,
         reason=members.get("reason", None),
     )
+
+
+def progress_to_json(progress: ScanProgress) -> dict[str, Any]:
+    return object_to_json(progress)
+
+
+def progress_from_json(document: object) -> ScanProgress:
+    """Reads what `progress_to_json` writes; raises `InvalidInput` if it is no progress."""
+    return object_from_json(Members(document, "", None), ScanProgress)
 
 
 def session_page_from_json(document: object) -> tuple[tuple[Session, ...], str]:

@@ -11,12 +11,22 @@ import numpy as np
 from pretouch.geometry import Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.wire.contract import contract_fields
-from pretouch.wire.reader import Members, read_integer, read_items, read_number, read_numbers, read_pose, read_text
+from pretouch.wire.reader import (
+    Members,
+    read_boolean,
+    read_integer,
+    read_items,
+    read_number,
+    read_numbers,
+    read_pose,
+    read_text,
+)
 
 _Owner = TypeVar("_Owner")
 _READERS: dict[Any, Callable[[object, str], Any]] = {
     float: read_number,
     int: read_integer,
+    bool: read_boolean,
     str: read_text,
     Pose: read_pose,
     RotatedRectangle: lambda value, path: RotatedRectangle(*read_numbers(value, path, 5)),
@@ -76,6 +86,8 @@ def _value_from_json(value: object, wanted: Any, path: str) -> Any:
         return tuple(_value_from_json(item, kind, f"{path}[{k}]") for k, item in enumerate(read_items(value, path)))
     if get_origin(wanted) is Annotated:
         return np.array(_read_array(value, wanted.__metadata__[0], path))
+    if type(None) in get_args(wanted):
+        return None if value is None else _value_from_json(value, get_args(wanted)[0], path)
     if wanted in _READERS:
         return _READERS[wanted](value, path)
     return object_from_json(Members(value, path, None), wanted)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pretouch.errors import InvalidInput, TooLarge
 from pretouch.geometry import QUATERNION_NORM_TOLERANCE, Array, quaternion_from_rotation, rotation_from_quaternion
-from pretouch.session import GatewaySpan, Points, Skipped, Submission
+from pretouch.session import GatewaySpan, Points, SampleChunk, Skipped, Submission, Telling
 from pretouch.tof import MAX_SAMPLES, RangeSamples
 from pretouch.wire.reader import Members, read_number, read_numbers, read_pose
 
@@ -28,7 +28,7 @@ def submission_to_json(submission: Submission) -> dict[str, Any]:
         case Points():
             return {"points": submission.points.tolist()}
         case GatewaySpan():
-            return {"gateway": {"device": submission.device, "from": submission.start, "to": submission.end}}
+            return _span_to_json(submission)
         case Skipped():
             taken = {} if submission.samples is None else {"samples": _samples_to_json(submission.samples)}
             return {"skipped": submission.reason} | taken
@@ -38,27 +38,57 @@ def submission_from_json(document: object) -> Submission:
     """Reads what `submission_to_json` writes.
 
     Raises:
-        InvalidInput: none or several of the kinds, an empty scan, or a member that is wrong.
+        InvalidInput: none or several of the kinds, no points, or a member that is wrong.
         Malformed: a number that is not finite.
         TooLarge: more than MAX_SAMPLES samples or points.
     """
     members = Members(document, "", _KINDS)
     given = [name for name in _KINDS if name in members]
     if given == ["gateway"]:
-        span = members.members("gateway", ("device", "from", "to"))
-        return GatewaySpan(span.text("device"), span.number("from"), span.number("to"))
+        return _span_from_json(members)
     if given in (["skipped"], ["samples", "skipped"]):
         reason = members.text("skipped")
         return Skipped(_samples_from_json(members.items("samples")) if "samples" in members else None, reason)
     if given == ["samples"]:
-        return _samples_from_json(_read_nonempty(members, "samples"))
+        return _samples_from_json(members.items("samples"))
     if given == ["points"]:
-        points = _read_nonempty(members, "points")
-        return Points(_read_rows(points, 3, "points[{}]"))
+        return Points(_read_rows(_read_points(members), 3, "points[{}]"))
     raise InvalidInput(
         f"The scan has {', '.join(given) or 'none of samples, points, gateway and skipped'}.",
         "Send one of samples, points, gateway or skipped; samples may come along with skipped.",
     )
+
+
+def telling_to_json(telling: Telling) -> dict[str, Any]:
+    """The body of `POST /v1/sessions/{id}/scans/{scan_id}/samples`."""
+    match telling:
+        case SampleChunk():
+            return {"from": telling.start, "samples": _samples_to_json(telling.samples)}
+        case GatewaySpan():
+            return _span_to_json(telling)
+
+
+def telling_from_json(document: object) -> Telling:
+    """Reads what `telling_to_json` writes.
+
+    Raises:
+        InvalidInput: neither samples nor a span, or a member that is wrong.
+        Malformed: a number that is not finite.
+        TooLarge: more than MAX_SAMPLES samples.
+    """
+    members = Members(document, "", ("from", "samples", "gateway"))
+    if "gateway" in members:
+        return _span_from_json(Members(document, "", ("gateway",)))
+    return SampleChunk(members.integer("from"), _samples_from_json(members.items("samples")))
+
+
+def _span_to_json(span: GatewaySpan) -> dict[str, Any]:
+    return {"gateway": {"device": span.device, "from": span.start, "to": span.end}}
+
+
+def _span_from_json(members: Members) -> GatewaySpan:
+    span = members.members("gateway", ("device", "from", "to"))
+    return GatewaySpan(span.text("device"), span.number("from"), span.number("to"))
 
 
 def poses_to_json(poses: Array) -> list[dict[str, Any]]:
@@ -106,12 +136,12 @@ def _samples_from_json(values: list[Any]) -> RangeSamples:
     )
 
 
-def _read_nonempty(members: Members, name: str) -> list[Any]:
-    values = members.items(name)
+def _read_points(members: Members) -> list[Any]:
+    values = members.items("points")
     if not values:
-        raise InvalidInput(f"{name} is empty.", 'Send what the sensor gave, misses too, or {"skipped": "unreachable"}.')
+        raise InvalidInput("points is empty.", 'Send what the sensor gave, or {"skipped": "unreachable"}.')
     if len(values) > MAX_SAMPLES:
-        raise TooLarge(f"{name} has {len(values)} items; the limit is {MAX_SAMPLES}.", "Thin out the scan.")
+        raise TooLarge(f"points has {len(values)} items; the limit is {MAX_SAMPLES}.", "Thin out the scan.")
     return values
 
 

@@ -55,6 +55,13 @@ def read_integer(value: object, path: str) -> int:
     return int(result)
 
 
+def read_boolean(value: object, path: str) -> bool:
+    """True or false."""
+    if type(value) is not bool:
+        raise InvalidInput(f"{path} is {name_kind(value)}, not a boolean.", f"Send true or false for {path}.")
+    return value
+
+
 def read_items(value: object, path: str, length: int | None = None) -> list[Any]:
     """A list, of `length` items if given."""
     if type(value) is not list:

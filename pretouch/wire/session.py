@@ -20,7 +20,9 @@ from pretouch.session import (
     Points,
     Proposer,
     Region,
+    SampleChunk,
     ScanPlan,
+    ScanProgress,
     ScanSettings,
     ScanSummary,
     Session,
@@ -28,6 +30,7 @@ from pretouch.session import (
     Skipped,
     State,
     Submission,
+    Telling,
     Tolerance,
 )
 from pretouch.tof import RangeSamples
@@ -45,6 +48,7 @@ _STATES = {
     State.FAILED: pb.SESSION_STATE_FAILED,
     State.CANCELLED: pb.SESSION_STATE_CANCELLED,
 }
+_NO_SAMPLES = RangeSamples.concatenate([])
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
 
@@ -134,11 +138,13 @@ def _read_choice(value: str, name: str, kind: type[_Choice]) -> _Choice:
 def scan_plan_to_proto(plan: ScanPlan) -> pb.ScanPlan:
     return pb.ScanPlan(
         scan_id=plan.scan_id,
+        path_id=plan.path_id,
         region_id=plan.region_id,
         t=common.array_to_proto(plan.path.t, "f8"),
         base_t_tip=common.array_to_proto(plan.path.base_T_tip, "f8"),
         length=plan.path.length,
         duration=plan.path.duration,
+        expected_returns=plan.expected_returns,
     )
 
 
@@ -147,7 +153,8 @@ def scan_plan_from_proto(message: pb.ScanPlan) -> ScanPlan:
         common.array_from_proto(message.t, "next_scan.t"),
         common.array_from_proto(message.base_t_tip, "next_scan.base_t_tip"),
     )
-    return ScanPlan(message.scan_id, message.region_id, path)
+    region_id = message.region_id if message.HasField("region_id") else None
+    return ScanPlan(message.scan_id, message.path_id, region_id, path, message.expected_returns)
 
 
 def session_to_proto(session: Session) -> pb.Session:
@@ -204,9 +211,7 @@ def submission_to_proto(session_id: str, scan_id: str, submission: Submission) -
         case Points():
             message.points.points.CopyFrom(common.array_to_proto(submission.points, "f8"))
         case GatewaySpan():
-            # "from" is a Python keyword, so this message's fields go in by name.
-            span: dict[str, Any] = {"device": submission.device, "from": submission.start, "to": submission.end}
-            message.gateway.CopyFrom(pb.GatewaySpan(**span))
+            message.gateway.CopyFrom(_span_to_proto(submission))
         case Skipped():
             taken = None if submission.samples is None else common.samples_to_proto(submission.samples)
             message.skipped.CopyFrom(pb.Skipped(reason=submission.reason, samples=taken))
@@ -217,36 +222,77 @@ def submission_from_proto(message: pb.SubmitScanRequest) -> Submission:
     """Reads what `submission_to_proto` writes.
 
     Raises:
-        InvalidInput: no result, an empty scan, or values that do not fit.
+        InvalidInput: no result, no points, or values that do not fit.
         Malformed: a number that is not finite.
         TooLarge: more than MAX_SAMPLES samples or points.
     """
     match message.WhichOneof("result"):
         case "samples":
-            return _read_samples(message.samples, empty=False)
+            return _read_samples(message.samples)
         case "points":
             points = common.array_from_proto(message.points.points, "points")
-            _refuse_empty(len(points) if points.ndim else 0, "points")
+            if points.size == 0:
+                raise InvalidInput("points is empty.", "Send what the sensor gave, or skip the scan.")
             return Points(points)
         case "gateway":
-            return GatewaySpan(message.gateway.device, getattr(message.gateway, "from"), message.gateway.to)
+            return _span_from_proto(message.gateway)
         case "skipped":
-            taken = _read_samples(message.skipped.samples, empty=True) if message.skipped.HasField("samples") else None
+            taken = _read_samples(message.skipped.samples) if message.skipped.HasField("samples") else None
             return Skipped(taken, message.skipped.reason)
         case _:
             raise InvalidInput("The scan has no result.", "Send one of samples, points, gateway or skipped.")
 
 
-def _read_samples(message: common_pb2.Samples, *, empty: bool) -> RangeSamples:
+def telling_to_proto(session_id: str, scan_id: str, telling: Telling) -> pb.TellSamplesRequest:
+    message = pb.TellSamplesRequest(session_id=session_id, scan_id=scan_id)
+    match telling:
+        case SampleChunk():
+            # "from" is a Python keyword, so this message's fields go in by name.
+            fields: dict[str, Any] = {"from": telling.start, "samples": common.samples_to_proto(telling.samples)}
+            message.chunk.CopyFrom(pb.SampleChunk(**fields))
+        case GatewaySpan():
+            message.gateway.CopyFrom(_span_to_proto(telling))
+    return message
+
+
+def telling_from_proto(message: pb.TellSamplesRequest) -> Telling:
+    """Reads what `telling_to_proto` writes.
+
+    Raises:
+        InvalidInput: neither samples nor a span, or values that do not fit.
+        Malformed: a number that is not finite.
+        TooLarge: more than MAX_SAMPLES samples.
+    """
+    match message.WhichOneof("telling"):
+        case "chunk":
+            samples = _read_samples(message.chunk.samples) if message.chunk.HasField("samples") else _NO_SAMPLES
+            return SampleChunk(getattr(message.chunk, "from"), samples)
+        case "gateway":
+            return _span_from_proto(message.gateway)
+        case _:
+            raise InvalidInput("Neither samples nor a span are told.", "Send one of chunk or gateway.")
+
+
+def progress_to_proto(progress: ScanProgress) -> pb.ScanProgress:
+    return pb.ScanProgress(**common.contract_to_proto(progress))
+
+
+def progress_from_proto(message: pb.ScanProgress) -> ScanProgress:
+    return common.contract_from_proto(message, ScanProgress, "progress")
+
+
+def _span_to_proto(span: GatewaySpan) -> pb.GatewaySpan:
+    # "from" is a Python keyword, so this message's fields go in by name.
+    fields: dict[str, Any] = {"device": span.device, "from": span.start, "to": span.end}
+    return pb.GatewaySpan(**fields)
+
+
+def _span_from_proto(message: pb.GatewaySpan) -> GatewaySpan:
+    return GatewaySpan(message.device, getattr(message, "from"), message.to)
+
+
+def _read_samples(message: common_pb2.Samples) -> RangeSamples:
     for name in ("status", "module"):
         if getattr(message, name).type != common_pb2.SCALAR_TYPE_UINT8:
             raise InvalidInput(f"samples.{name} is not packed as UINT8.", f"Send samples.{name} as UINT8.")
-    samples = common.samples_from_proto(message)
-    if not empty:
-        _refuse_empty(len(samples), "samples")
-    return samples
-
-
-def _refuse_empty(count: int, name: str) -> None:
-    if count == 0:
-        raise InvalidInput(f"{name} is empty.", "Send what the sensor gave, misses too, or skip the scan.")
+    return common.samples_from_proto(message)

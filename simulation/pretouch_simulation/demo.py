@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from pretouch.client import SyncClient, drive
+from pretouch.client import ScanPiece, SyncClient, drive
 from pretouch.geometry import Array
-from pretouch.session import Budget, Region, ScanPlan, Session, SessionRequest, Submission
+from pretouch.session import Budget, ScanPlan, Session, SessionRequest, Tolerance
 from pretouch.tof import RangeSamples, Sensor
 from pretouch_simulation.protocol import Case
 
-Execute = Callable[[ScanPlan], tuple[Submission, RangeSamples]]
-"""Makes a planned scan: returns what to submit, and the samples."""
+Execute = Callable[[ScanPlan], Generator[ScanPiece, Any, Any]]
+"""Makes a planned scan, and yields its samples, or where the gateway has them, piece by piece."""
 
 
 @dataclass(eq=False)
@@ -23,11 +23,13 @@ class Recording:
     Attributes:
         title: the object and how it was served.
         states: the session as opened, then after each scan.
+        pace: how many times as fast as planned the robot moves.
         points: (n, 3), m, in base, for each scan: where the fingertip's beams ended.
     """
 
     title: str
     case: Case
+    pace: float = 1.0
     states: list[Session] = field(default_factory=list)
     points: list[Array] = field(default_factory=list)
 
@@ -49,38 +51,52 @@ class Recording:
         """m: what each state's estimate says of its error."""
         return [state.estimate.expected_error for state in self.states]
 
-    def scanned_regions(self) -> list[Region]:
-        """The regions in the order in which they were scanned."""
-        regions = {region.id: region for state in self.states for region in state.regions}
-        return [regions[scan.region_id] for scan in self.last.scans]
+    def robot_seconds(self) -> list[float]:
+        """s that the robot's scans so far take at the planned pace, in each state."""
+        return [self.pace * state.budget_used.seconds for state in self.states]
+
+    def scanned_pixels(self) -> list[Array]:
+        """For each scan (n, 2), px: where in the depth image its beams ended."""
+        base_T_camera = self.case.truth @ self.case.base_T_camera
+        return [self.case.camera.project(base_T_camera.inverse().apply(points)) for points in self.points]
 
 
-def request_for(case: Case, sensor: Sensor, budget: Budget | None = None) -> SessionRequest:
-    """The robot's request: defaults except for its sensor, and the budget if given."""
-    return SessionRequest(case.camera, case.base_T_camera, depth_scale=1.0, sensor=sensor, budget=budget or Budget())
+def request_for(
+    case: Case, sensor: Sensor, budget: Budget | None = None, tolerance: Tolerance | None = None
+) -> SessionRequest:
+    """The robot's request: defaults except for its sensor, and for budget and tolerance if given."""
+    return SessionRequest(
+        case.camera,
+        case.base_T_camera,
+        depth_scale=1.0,
+        sensor=sensor,
+        budget=budget or Budget(),
+        tolerance=tolerance or Tolerance(),
+    )
 
 
 def record(
-    client: SyncClient[Any, Any], recording: Recording, request: SessionRequest, mask: bool, execute: Execute
+    client: SyncClient[Any, Any],
+    recording: Recording,
+    request: SessionRequest,
+    mask: bool,
+    execute: Execute,
+    measured: list[RangeSamples],
 ) -> Iterator[Recording]:
     """Drives a session on the recording's case to its end.
 
     Args:
         mask: whether the client marks the object; else the orchestrator finds it on the table.
+        measured: where the robot keeps the samples of each of its scans.
 
     Yields:
         The recording, after each step.
     """
     case = recording.case
     session = client.create_session(request, case.depth.metres, case.mask if mask else None)
-
-    def scan(plan: ScanPlan) -> Submission:
-        submission, samples = execute(plan)
-        recording.points.append(_beam_ends(samples, request.sensor))
-        return submission
-
-    for state in drive(client, session, scan):
+    for state in drive(client, session, execute):
         recording.states.append(state)
+        recording.points += [_beam_ends(samples, request.sensor) for samples in measured[len(recording.points) :]]
         yield recording
 
 

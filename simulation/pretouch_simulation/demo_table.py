@@ -15,19 +15,19 @@ def live_table(recordings: Sequence[Recording]) -> Table:
     """One line per state of each session; its last line says how it ended. It fits 60 columns."""
     layout: dict[str, Any] = {"box": SIMPLE_HEAD, "show_edge": False, "padding": (0, 1, 0, 0)}
     table = Table(title="Error of the object's points, mm", title_justify="left", **layout)
-    for name in ("session", "scan", "region"):
+    for name in ("session", "scan", "path"):
         table.add_column(name, no_wrap=True)
     for name in ("share", "robot s", "expected", "true"):
         table.add_column(name, justify="right", no_wrap=True)
     for recording in recordings:
-        errors = zip(recording.states, recording.expected_errors(), recording.true_errors(), strict=True)
-        for k, (state, expected, true) in enumerate(errors):
+        columns = (recording.states, recording.robot_seconds(), recording.expected_errors(), recording.true_errors())
+        for k, (state, seconds, expected, true) in enumerate(zip(*columns, strict=True)):
             table.add_row(
                 recording.title if k == 0 else str(state.state) if state.state.ended else "",
                 str(k) if k else "none",
-                state.scans[-1].region_id.removeprefix("region-") if state.scans else "",
+                state.scans[-1].path_id if state.scans else "",
                 f"{state.budget_used.fraction:.1%}",
-                f"{state.budget_used.seconds:.1f}",
+                f"{seconds:.1f}",
                 f"{1000 * expected:.1f}",
                 f"{1000 * true:.1f}",
             )

@@ -21,22 +21,39 @@ from pretouch.session import Planner, Proposer
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
-from pretouch_simulation.evaluation_protocol import NEVER_CONVERGED, Protocol, adapt_to_frames
+from pretouch_simulation.evaluation_protocol import (
+    NEVER_CONVERGED,
+    Protocol,
+    adapt_to_frames,
+    adopt_default_budget,
+    can_stop_in_time,
+)
 from pretouch_simulation.evaluation_rows import Run, write_details
 from pretouch_simulation.evaluation_summary import group_by_setup
-from pretouch_simulation.evaluation_table import convergence_table, honesty_table, tabulate_by_object, tabulate_by_scan
-from pretouch_simulation.evaluation_tasks import MIN_PIXELS, MeshTask, Task, frame_tasks
+from pretouch_simulation.evaluation_table import (
+    convergence_by_scan_table,
+    convergence_table,
+    honesty_table,
+    tabulate_by_object,
+    tabulate_by_scan,
+)
+from pretouch_simulation.evaluation_tasks import MIN_PIXELS, Task, frame_tasks, mesh_tasks
 from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.frame_folder import frames_in
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import Split
-from pretouch_simulation.tip_margins import TipHeight
 
 _FILE_WIDTH = 160
 _VIEWS, _SCANS, _SEEDS = 3, 5, 3
 _ENGINE = "How scans are matched; repeatable, the rows of all go into one file."
 _FRAMES = f"Folder of real frames: sessions on every object with over {MIN_PIXELS} pixels. Instead of --meshes."
-_TIP = "From what its height is planned; low is for comparison: from what is expected, as for a robot with a reflex."
+_STOP = (
+    "Whether scans end as soon as the session would converge; assessing that as the robot moves takes several times as "
+    "long to compute. Left out: where sessions can converge, with planner information."
+)
+_TOLERANCE = "Stop a session at this error, m, with default budgets. Left out: on meshes never, on frames at 3 mm."
+_CLUTTER = "Two to five other meshes of the folder, of --split's side, stand around each."
+_GUARDED = "The robot lifts its tip by a reflex; paths are planned from what is expected, not from the worst case."
 
 
 def evaluate(
@@ -56,7 +73,8 @@ def evaluate(
         int | None, typer.Option(min=1, help=f"Hidden errors of each object of a frame. Left out: {_SEEDS}.")
     ] = None,
     scans: Annotated[
-        int | None, typer.Option(min=1, max=1000, help=f"Scans of each view of a mesh. Left out: {_SCANS}.")
+        int | None,
+        typer.Option(min=1, max=1000, help=f"Scans of each view of a mesh. Left out: {_SCANS}, with --tolerance 10."),
     ] = None,
     proposer: Annotated[Proposer | None, typer.Option(help="Left out: the best one that is ready.")] = None,
     engine: Annotated[list[Engine] | None, typer.Option(help=f"{_ENGINE} Left out: posterior.")] = None,
@@ -67,7 +85,7 @@ def evaluate(
     sensor: Annotated[
         list[FingerModel] | None, typer.Option(help="The simulated fingertip; repeatable. Left out: ideal.")
     ] = None,
-    tip: Annotated[TipHeight, typer.Option(help=_TIP)] = TipHeight.SAFE,
+    guarded: Annotated[bool, typer.Option("--guarded", help=_GUARDED)] = False,
     seed: Annotated[
         int,
         typer.Option(help="Fixes views, offsets, noise and proposals: two runs agree to the bit, for any --workers."),
@@ -84,8 +102,10 @@ def evaluate(
     ] = None,
     tolerance: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Stop a session at this error, m; left out: on meshes never, on frames at 3 mm."),
+        typer.Option(min=0.0, help=_TOLERANCE),
     ] = None,
+    stop: Annotated[bool | None, typer.Option("--stop/--no-stop", help=_STOP)] = None,
+    clutter: Annotated[bool, typer.Option("--clutter", help=_CLUTTER)] = False,
     paper_setting: Annotated[
         bool, typer.Option("--paper-setting", help="As the paper tested: scans cut from the camera's own cloud.")
     ] = False,
@@ -106,7 +126,7 @@ def evaluate(
         frames is not None,
         for_meshes={
             **{"--views": views, "--scans": scans, "--camera": camera, "--split": split, "--limit": limit},
-            "--paper-setting": paper_setting or None,
+            **{"--paper-setting": paper_setting or None, "--clutter": clutter or None},
         },
         for_frames={"--seeds": seeds},
     )
@@ -114,8 +134,9 @@ def evaluate(
     if frames is not None:
         tasks = [*frame_tasks(frames_in(frames, only or ()), range(seed, seed + (seeds or _SEEDS)))]
     else:
-        paths = meshes_in(meshes or Path(), only or (), limit, split)
-        tasks = [MeshTask(path, view) for path in paths for view in range(views or _VIEWS)]
+        folder = meshes or Path()
+        paths = meshes_in(folder, only or (), limit, split)
+        tasks = [*mesh_tasks(paths, range(views or _VIEWS), meshes_in(folder, split=split) if clutter else ())]
     engines = [Engine.PAPER] if paper_setting else list(dict.fromkeys(engine or [Engine.POSTERIOR]))
     sensors = [FingerModel.IDEAL] if paper_setting else list(dict.fromkeys(sensor or [FingerModel.IDEAL]))
     cameras = list(dict.fromkeys(camera or [CameraModel.KINECT]))
@@ -130,10 +151,14 @@ def evaluate(
         paper_setting=paper_setting,
         leader=engines[0] if shared_scans and len(engines) > 1 else None,
         camera=cameras[0],
-        tip=tip,
+        guarded=guarded,
     )
     if frames is not None:
         first = adapt_to_frames(first, tolerance)
+    elif tolerance is not None:
+        budgeted = adopt_default_budget(first)
+        first = replace(budgeted, scans=scans or budgeted.scans)
+    first = replace(first, stop=can_stop_in_time(first) if stop is None else stop)
     protocols = [
         replace(first, engine=one, sensor=finger, camera=seen)
         for seen in cameras
@@ -183,6 +208,7 @@ def _report(runs: Sequence[Run], protocol: Protocol, out: Path) -> None:
         tables += [tabulate_by_scan(runs, scans), honesty_table(runs, scans)]
         if protocol.tolerance != NEVER_CONVERGED:
             tables.append(convergence_table(runs, protocol.tolerance))
+            tables.append(convergence_by_scan_table(runs, protocol.tolerance))
         for part in (part for table in tables for part in table.rich(console.width)):
             console.print(part)
     for run in runs:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_registrar.registration import Registrar, Settings
 
+from pretouch.client import Reflex
 from pretouch.errors import PretouchError
 from pretouch.geometry import Pose
 from pretouch_simulation.depth_cameras import CameraModel
@@ -23,6 +24,7 @@ from pretouch_simulation.objects import box
 from pretouch_simulation.paper_setting import run_case
 from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.scanning import scan_along
+from pretouch_simulation.stopping import NOTHING, tell_until_enough
 
 
 @dataclass(frozen=True, eq=False, repr=False)  # asyncio.run formats its result; with arrays that takes seconds
@@ -34,10 +36,16 @@ class Step:
 
     @property
     def outcome(self) -> Outcome:
-        record = self.record
-        used = record.budget_used
+        record, scan = self.record, self.record.scans[-1]
         return Outcome(
-            record.proposer, record.estimate, record.state, used.fraction, used.seconds, seconds=self.seconds
+            proposer=record.proposer,
+            estimate=record.estimate,
+            state=record.state,
+            fraction=record.budget_used.fraction,
+            robot_seconds=record.budget_used.seconds,
+            scan_seconds=scan.duration,
+            returns=scan.returns / scan.samples,
+            seconds=self.seconds,
         )
 
 
@@ -63,7 +71,7 @@ class Subject:
 def key_of(task: Task, protocol: Protocol) -> RunKey:
     """The key of the protocol's run of the task."""
     engine, sensor = protocol.engine.value, protocol.sensor.value
-    return RunKey(task.mesh, task.view, engine, sensor, task.camera(protocol.camera), task.frame)
+    return RunKey(task.mesh, task.view, engine, sensor, task.camera(protocol.camera), task.scene, task.frame)
 
 
 def run_task(task: Task, protocols: Sequence[Protocol]) -> list[Run]:
@@ -159,7 +167,10 @@ async def run_session(
     while record.next_scan is not None and len(steps) < most:
         plan = record.next_scan
         rng = generator("finger", protocol.seed, case.name, case.view, len(steps))
-        samples = scan_along(case.world, plan.path, record.request.sensor, finger, rng)
+        reflex = Reflex() if request.scan.guarded else None
+        samples = scan_along(case.world, plan.path, record.request.sensor, finger, rng, reflex)
+        if protocol.stop:
+            record, samples = await tell_until_enough(loop, record, samples), NOTHING
         started = time.perf_counter()
         record = await loop.advance(record, plan.scan_id, samples)
         seconds = time.perf_counter() - started + (opening if not steps else 0.0)
@@ -198,6 +209,9 @@ def _row(subject: Subject, protocol: Protocol, outcome: Outcome, scan: int, init
         robot_seconds=outcome.robot_seconds,
         compute_ms=1000.0 * outcome.seconds,
         camera=task.camera(protocol.camera),
+        scan_seconds=outcome.scan_seconds,
+        returns=outcome.returns,
+        scene=task.scene,
         frame=task.frame,
         error_fitted=None if subject.fitted is None else subject.fitted.error(correction),
     )

@@ -8,12 +8,11 @@ from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 
-from pretouch.session import Budget, Planner, Proposer, SessionRequest, Tolerance
+from pretouch.session import Budget, Planner, Proposer, ScanSettings, SessionRequest, Tolerance
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import Finger, FingerModel, realise
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 from pretouch_simulation.protocol import Case, generator
-from pretouch_simulation.tip_margins import TipHeight
 
 NEVER_CONVERGED = 1e-6
 """m: a tolerance that no estimate meets."""
@@ -31,7 +30,8 @@ class Protocol:
         leader: the engine whose estimates the scans are planned by, so that all engines match the same scans; None:
             the whole loop runs on `engine`.
         camera: of views of meshes.
-        tip: how low the fingertip is planned.
+        guarded: whether the robot guards its scans, see `scan.guarded`.
+        stop: whether the robot tells its samples as it moves, and leaves the path once they are enough.
     """
 
     scans: int
@@ -46,7 +46,14 @@ class Protocol:
     camera: CameraModel = CameraModel.KINECT
     seconds: float = 1e6
     fraction: float = 1.0
-    tip: TipHeight = TipHeight.SAFE
+    guarded: bool = False
+    stop: bool = False
+
+
+def adopt_default_budget(protocol: Protocol) -> Protocol:
+    """The protocol with the budget of a session that asks for none."""
+    budget = Budget()
+    return replace(protocol, scans=budget.scans, seconds=budget.seconds, fraction=budget.fraction)
 
 
 def adapt_to_frames(protocol: Protocol, tolerance: float | None) -> Protocol:
@@ -54,15 +61,12 @@ def adapt_to_frames(protocol: Protocol, tolerance: float | None) -> Protocol:
 
     Random numbers are seeded by the tasks alone, so that a row does not depend on the other seeds of the evaluation.
     """
-    budget = Budget()
-    return replace(
-        protocol,
-        scans=budget.scans,
-        seconds=budget.seconds,
-        fraction=budget.fraction,
-        tolerance=tolerance or Tolerance().error,
-        seed=0,
-    )
+    return replace(adopt_default_budget(protocol), tolerance=tolerance or Tolerance().error, seed=0)
+
+
+def can_stop_in_time(protocol: Protocol) -> bool:
+    """Whether the protocol's scans may end early by default: its sessions can converge, and plan by information."""
+    return protocol.tolerance != NEVER_CONVERGED and protocol.planner is Planner.INFORMATION
 
 
 def finger_of(case: Case, protocol: Protocol) -> Finger:
@@ -79,6 +83,7 @@ def request_of(case: Case, protocol: Protocol) -> SessionRequest:
         tolerance=Tolerance(error=protocol.tolerance),
         budget=Budget(scans=protocol.scans, seconds=protocol.seconds, fraction=protocol.fraction),
         sensor=finger_of(case, protocol).sensor,
+        scan=ScanSettings(guarded=protocol.guarded),
         proposer=protocol.proposer,
         planner=protocol.planner,
     )
@@ -86,4 +91,4 @@ def request_of(case: Case, protocol: Protocol) -> SessionRequest:
 
 def loop_of(protocol: Protocol, registrar: Registrar) -> Loop:
     """The orchestrator's own loop over the services' own code."""
-    return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine, registrar), protocol.tip.margins)
+    return Loop(InProcessDetector(), InProcessRegistrar(protocol.engine, registrar))

@@ -29,6 +29,9 @@ class Row:
         robot_seconds: spent by all scans so far.
         compute_ms: from this scan's samples to the next plan; for the first scan, opening the session is added.
         camera: the simulated one, or `real`.
+        scan_seconds: the duration of this scan.
+        returns: share of this scan's samples that returned; None for points, of which there is none without a return.
+        scene: `alone`, or `clutter` where other things stand around; None for a real frame.
         frame: the real frame; None for a view of a mesh.
         error_fitted: of a real frame: as `error`, from `fit_truth`.
     """
@@ -49,11 +52,14 @@ class Row:
     robot_seconds: float
     compute_ms: float
     camera: str
+    scan_seconds: float
+    returns: float | None = None
+    scene: str | None = None
     frame: str | None = None
     error_fitted: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """For programs; members that only real frames have are left out elsewhere."""
+        """For programs; members that are None are left out."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
@@ -107,6 +113,8 @@ class Outcome:
     state: State
     fraction: float
     robot_seconds: float
+    scan_seconds: float
+    returns: float | None
     seconds: float
 
 
@@ -118,12 +126,13 @@ class RunKey(NamedTuple):
     engine: str
     sensor: str
     camera: str
+    scene: str | None = None
     frame: str | None = None
 
 
 @dataclass(frozen=True)
 class Run:
-    """The results of one view of one mesh with one engine and one sensor; `camera` and `frame` as in `Row`.
+    """The results of one view of one mesh with one engine and one sensor; `camera`, `scene` and `frame` as in `Row`.
 
     Attributes:
         initial_error: m; None if the run failed before there was one.
@@ -140,11 +149,12 @@ class Run:
     rows: tuple[Row, ...] = ()
     details: tuple[Detail, ...] = ()
     problem: str = ""
+    scene: str | None = None
     frame: str | None = None
 
     @property
     def key(self) -> RunKey:
-        return RunKey(self.mesh, self.view, self.engine, self.sensor, self.camera, self.frame)
+        return RunKey(self.mesh, self.view, self.engine, self.sensor, self.camera, self.scene, self.frame)
 
     def as_dict(self) -> dict[str, Any]:
         return {**asdict(self), "rows": [row.as_dict() for row in self.rows]}

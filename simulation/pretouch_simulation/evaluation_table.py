@@ -109,19 +109,39 @@ def honesty_table(runs: Sequence[Run], scans: Sequence[int]) -> Table:
 
 
 def convergence_table(runs: Sequence[Run], tolerance: float) -> Table:
-    """A line for each setup: the share that converged, the share of those within `tolerance`, m, and the time taken."""
+    """A line for each setup: the share that converged, the share of those within `tolerance`, m, and the time taken.
+
+    `with approaches`: the robot's time with APPROACH_SECONDS for each scan. `returns`: median share of the first scan.
+    """
     varied = _find_varied(runs)
     lines = [
         (
             *(*_setup_cells(one.setup, varied), str(one.n)),
             *(_share(one.converged), _share(one.within)),
             *(_number(value, 1) for value in (one.seconds_median, one.seconds_p90)),
+            *(_number(value, 1) for value in (one.approached_median, one.approached_p90)),
+            _share(one.first_returns),
         )
         for one in convergence(runs, tolerance)
     ]
     within = f"within {1000 * tolerance:g} mm" + (" + 2 mm, fitted" if any(run.frame for run in runs) else "")
-    headings = (*varied, "n", "converged", f"of those {within}", "robot s median", "p90")
+    times = ("robot s median", "p90", "with approaches median", "p90")
+    headings = (*varied, "n", "converged", f"of those {within}", *times, "returns, scan 1")
     return Table("Convergence", headings, tuple(lines), len(varied), len(varied))
+
+
+def convergence_by_scan_table(runs: Sequence[Run], tolerance: float) -> Table:
+    """A line for each setup: the share of the sessions that had converged after 1, 2, ... scans."""
+    varied = _find_varied(runs)
+    found = convergence(runs, tolerance)
+    most = max(len(one.converged_after) for one in found)
+    lines = tuple(
+        (*_setup_cells(one.setup, varied), str(one.n), *(_share(share) for share in one.converged_after))
+        + (_share(one.converged),) * (most - len(one.converged_after))
+        for one in found
+    )
+    headings = (*varied, "n", *(str(scan) for scan in range(1, most + 1)))
+    return Table("Converged after so many scans", headings, lines, len(varied), len(varied) + 1)
 
 
 def _find_varied(runs: Sequence[Run]) -> tuple[str, ...]:

@@ -26,23 +26,37 @@ class FingerModel(StrEnum):
     VL6180X = "vl6180x"
     CONE = "cone"
     RANDOM = "random"
+    GRIPPER = "gripper"
+    ZONES = "zones"
+
+
+class Measurements(Protocol):
+    """The measurements of one scan, taken all at once or step by step: what is random about them is drawn already."""
+
+    def take(self, world: World, base_T_module: Array, first: int = 0) -> tuple[Array, NDArray[np.int64]]:
+        """The scan's measurements from number `first` on, at the modules' poses (n, 4, 4) in base, beams along their z.
+
+        Returns:
+            Ranges (n,), m along the beam, NaN where the module gave none; status codes (n,), 0 is good.
+        """
 
 
 class Finger(Protocol):
-    """One fingertip, its parameters fixed."""
+    """One fingertip, its parameters fixed. Its modules take turns."""
 
     @property
     def sensor(self) -> Sensor:
         """The description that a client sends when it creates a session, right or wrong."""
 
-    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-        """The measurements of one scan, taken at the modules' poses (n, 4, 4) in base, beams along the modules' z.
+    def begin_scan(self, count: int, rng: np.random.Generator) -> Measurements:
+        """Draws what is random about a scan of `count` measurements, such as the bias that its ranges share."""
 
-        The bias that a scan's ranges share is drawn once a call. The modules of a fingertip take turns.
 
-        Returns:
-            Ranges (n,), m along the beam, NaN where the module gave none; status codes (n,), 0 is good.
-        """
+def measure_scan(
+    finger: Finger, world: World, base_T_module: Array, rng: np.random.Generator
+) -> tuple[Array, NDArray[np.int64]]:
+    """A whole scan at the modules' poses (n, 4, 4) in base: see `Measurements.take`."""
+    return finger.begin_scan(len(base_T_module), rng).take(world, base_T_module)
 
 
 def realise(model: FingerModel, rng: np.random.Generator) -> Finger:

@@ -191,7 +191,7 @@ def run(measure: Measure, rate: float, seed: int) -> None:
 
 def main() -> int:
     """Command line; returns the exit status."""
-    from pretouch_simulation.finger import FingerModel, realise  # numba takes half a second to load
+    from pretouch_simulation.finger import FingerModel, measure_scan, realise  # numba takes half a second to load
     from pretouch_simulation.protocol import generator
     from pretouch_simulation.world import World
 
@@ -211,8 +211,8 @@ def main() -> int:
         return 2
     rng = np.random.default_rng(arguments.seed)
     finger = realise(arguments.sensor, generator("finger-model", arguments.seed))
-    finger.measure(world, np.eye(4)[None], rng)  # builds the ray caster before the first frame is due
-    run(lambda poses: finger.measure(world, poses, rng), arguments.rate, arguments.seed)
+    measure_scan(finger, world, np.eye(4)[None], rng)  # builds the ray caster before the first frame is due
+    run(lambda poses: measure_scan(finger, world, poses, rng), arguments.rate, arguments.seed)
     return 0
 
 

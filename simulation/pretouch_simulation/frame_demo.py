@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from pretouch_registrar.engines import Engine
 
 from pretouch.client import RestClient
-from pretouch.geometry import Array, Pose
-from pretouch.session import ScanPlan, Submission
+from pretouch.geometry import Pose
+from pretouch.session import ScanPlan
+from pretouch.tof import RangeSamples
 from pretouch_simulation.demo import Execute, Recording, record, request_for
 from pretouch_simulation.finger import Finger, FingerModel, realise
 from pretouch_simulation.protocol import Case, generator
-from pretouch_simulation.robot import DirectRobot
+from pretouch_simulation.scanning import cut_pieces, scan_along
 from pretouch_simulation.services import Services
 
 _TIMEOUT = 60.0
@@ -47,8 +49,9 @@ def run_frame(services: Services, case: Case, model: FingerModel) -> Result:
     recording = Recording(case.name, case)
     with RestClient(services.rest, timeout=_TIMEOUT) as client:
         finger = finger_of(case, model)
+        measured: list[RangeSamples] = []
         request = request_for(case, finger.sensor)
-        for _ in record(client, recording, request, mask=True, execute=direct_finger(case, finger)):
+        for _ in record(client, recording, request, True, direct_finger(case, finger, measured), measured):
             pass
     last = recording.last
     return Result(
@@ -68,17 +71,17 @@ def finger_of(case: Case, model: FingerModel) -> Finger:
     return realise(model, generator("finger-model", case.name, case.view))
 
 
-def direct_finger(case: Case, finger: Finger) -> Execute:
-    """A robot that makes scans of the case's world without spending time on them."""
+def direct_finger(case: Case, finger: Finger, measured: list[RangeSamples]) -> Execute:
+    """A robot that makes scans of the case's world without spending time on them; it adds each to `measured`."""
     rng = generator("finger", case.name, case.view)
 
-    def measure(base_T_tip: Array) -> tuple[Array, Any]:
-        return finger.measure(case.world, base_T_tip, rng)
-
-    robot = DirectRobot(measure, finger.sensor.rate)
-
-    def execute(plan: ScanPlan) -> tuple[Submission, Any]:
-        samples = robot.scan(plan)
-        return samples, samples
+    def execute(plan: ScanPlan) -> Generator[RangeSamples, None, None]:
+        taken: list[RangeSamples] = []
+        try:
+            for piece in cut_pieces(scan_along(case.world, plan.path, finger.sensor, finger, rng)):
+                taken.append(piece)
+                yield piece
+        finally:
+            measured.append(RangeSamples.concatenate(taken))
 
     return execute

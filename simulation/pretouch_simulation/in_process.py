@@ -10,10 +10,10 @@ from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.estimate import Estimate, Prior
 from pretouch.rectangle import ProposedRegion
+from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Scan, Sensor
-from pretouch.trajectory import Trajectory
 
 _REGIONS = 20
 
@@ -40,7 +40,7 @@ class InProcessRegistrar:
         return self._registrar.register(scene, scans, Settings(self._engine, prior, sensor))
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
-    ) -> list[float]:
+        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+    ) -> list[list[Prediction]]:
         """See `upstream.interfaces.Registrar`."""
         return self._registrar.predict(scene, scans, Settings(self._engine, prior, sensor), candidates)

@@ -44,7 +44,8 @@ async def run_case(case: Case, protocol: Protocol, registrar: Registrar) -> list
     for region in regions:
         rng = generator("paper setting", protocol.seed, case.name, case.view, len(outcomes))
         scans.append(Scan.of_points(cut(case, true_cloud, region.rectangle, rng), -record.scene.table.normal))
-        length += perimeter_length(case, region.rectangle)
+        scan_length = perimeter_length(case, region.rectangle)
+        length += scan_length
         started = time.perf_counter()
         estimate = registrar.register(record.scene, scans, settings)
         seconds = time.perf_counter() - started + (opening if not outcomes else 0.0)
@@ -55,6 +56,8 @@ async def run_case(case: Case, protocol: Protocol, registrar: Registrar) -> list
                 state=State.AWAITING_SCAN if len(scans) < len(regions) else State.EXHAUSTED,
                 fraction=_fraction(true_cloud, scans),
                 robot_seconds=length / request.scan.speed,
+                scan_seconds=scan_length / request.scan.speed,
+                returns=None,
                 seconds=seconds,
             )
         )

@@ -38,10 +38,9 @@ def save_picture(recordings: Sequence[Recording], path: Path) -> None:
 
 
 def window(recording: Recording) -> tuple[int, int, int, int]:
-    """The part (u0, v0, u1, v1) of the depth image around the object and the regions scanned."""
+    """The part (u0, v0, u1, v1) of the depth image around the object and what was scanned."""
     v, u = np.nonzero(recording.case.mask)
-    corners = [region.rectangle.corners() for region in recording.scanned_regions()]
-    spots = np.concatenate([np.stack([u, v], axis=1), *corners])
+    spots = np.concatenate([np.stack([u, v], axis=1), *recording.scanned_pixels()])
     height, width = recording.case.mask.shape
     low = np.maximum(np.floor(spots.min(axis=0)) - _MARGIN, 0).astype(int)
     high = np.minimum(np.ceil(spots.max(axis=0)) + _MARGIN, [width, height]).astype(int)
@@ -65,12 +64,12 @@ def _draw_depth(row: Any, axes: Any, recording: Recording) -> None:
     row.colorbar(image, ax=axes, label="depth, m (black: no data)", shrink=0.75, extend="both")
     axes.contour(np.arange(u0, u1), np.arange(v0, v1), mask, levels=[0.5], colors="white", linewidths=0.8)
     colours = mpl.colormaps["autumn"](np.linspace(0, 0.85, max(1, len(recording.last.scans))))
-    for k, (region, colour) in enumerate(zip(recording.scanned_regions(), colours, strict=False)):
-        corners = region.rectangle.corners()
-        axes.plot(*np.concatenate([corners, corners[:1]]).T, color=colour, linewidth=2)
+    for k, (pixels, colour) in enumerate(zip(recording.scanned_pixels(), colours, strict=False)):
+        axes.plot(*pixels.T, ".", color=colour, markersize=4)
         badge = {"boxstyle": "circle,pad=0.2", "facecolor": colour, "edgecolor": "black"}
-        axes.text(*corners[k % 4], str(k + 1), fontweight="bold", ha="center", va="center", fontsize=10, bbox=badge)
-    axes.set(xlabel="u, pixels", ylabel="v, pixels", title="depth image and regions, in the order scanned")
+        for u, v in pixels[:1]:
+            axes.text(u, v, str(k + 1), fontweight="bold", ha="center", va="center", fontsize=10, bbox=badge)
+    axes.set(xlabel="u, pixels", ylabel="v, pixels", title="depth image, and where the scans' beams ended, in order")
     axes.set_xlim(u0 - 0.5, u1 - 0.5)
     axes.set_ylim(v1 - 0.5, v0 - 0.5)
 

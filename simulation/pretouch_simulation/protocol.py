@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,6 +30,8 @@ OFFSET_TRANSLATION = 0.02
 OFFSET_ROTATION = float(np.radians(5.0))
 CHI2_6_95 = 12.59
 KINECT = Kinect()
+Surround = Callable[[Body, Pose], Sequence[Body]]
+"""What stands around the object, given it and the true `base_T_camera`."""
 
 
 def generator(*names: object) -> np.random.Generator:
@@ -107,26 +110,44 @@ def _draw(rng: np.random.Generator) -> tuple[Array, Array]:
     return turn, shift
 
 
-def make_case(name: str, mesh: Mesh, view: int, seed: int = 0, camera: CameraModel = CameraModel.KINECT) -> Case:
-    """View number `view` of `mesh` as it stands by itself; everything random is fixed by `seed`, `name` and `view`.
+def make_case(
+    name: str,
+    mesh: Mesh,
+    view: int,
+    seed: int = 0,
+    camera: CameraModel = CameraModel.KINECT,
+    surround: Surround | None = None,
+) -> Case:
+    """View number `view` of `mesh` on the table; what is random but `surround` is fixed by `seed`, `name` and `view`.
 
     Raises:
         InvalidInput: the camera does not see the object.
     """
     realised = realise(camera, generator("camera", seed, name, view))
-    return case_of(name, stand(mesh), view, generator("view", seed, name, view), realised)
+    return case_of(name, stand(mesh), view, generator("view", seed, name, view), realised, surround)
 
 
-def case_of(name: str, resting: Mesh, view: int, rng: np.random.Generator, camera: DepthCamera = KINECT) -> Case:
+def case_of(
+    name: str,
+    resting: Mesh,
+    view: int,
+    rng: np.random.Generator,
+    camera: DepthCamera = KINECT,
+    surround: Surround | None = None,
+) -> Case:
     """A view of a mesh that rests on z = 0, centred on x = y = 0, in a random yaw from a random place.
+
+    Args:
+        surround: left out, the object stands alone.
 
     Raises:
         InvalidInput: the camera does not see the object.
     """
     base_T_mesh = Pose.from_rotation_vector([0.0, 0.0, rng.uniform(-np.pi, np.pi)], PLACE)
-    world = World([Body(resting, base_T_mesh)], TABLE)
-    middle = PLACE + np.array([0.0, 0.0, world.bodies[0].mesh.extents[2] / 2])
+    target = Body(resting, base_T_mesh)
+    middle = PLACE + np.array([0.0, 0.0, resting.extents[2] / 2])
     true_camera = look_at(middle, rng.uniform(*CAMERA_DISTANCE), rng.uniform(*CAMERA_PITCH))
+    world = World([target, *(surround(target, true_camera) if surround else ())], TABLE)
     image = camera.render(world, CAMERA, true_camera, rng)
     scored = (image.bodies == 0) & (image.depth.metres > 0)
     if not (scored.any() and image.mask.any()):

@@ -67,13 +67,13 @@ def _html(figure: go.Figure, height: int = 520) -> str:
 
 def _table(recording: Recording) -> str:
     lines = []
-    errors = zip(recording.states, recording.expected_errors(), recording.true_errors(), strict=True)
-    for k, (state, expected, true) in enumerate(errors):
+    columns = (recording.states, recording.robot_seconds(), recording.expected_errors(), recording.true_errors())
+    for k, (state, seconds, expected, true) in enumerate(zip(*columns, strict=True)):
         cells = (
             str(k) if k else "none",
-            state.scans[-1].region_id if state.scans else "",
+            state.scans[-1].path_id if state.scans else "",
             f"{state.budget_used.fraction:.1%}",
-            f"{state.budget_used.seconds:.1f}",
+            f"{seconds:.1f}",
             f"{1000 * expected:.2f}",
             f"{1000 * true:.2f}",
         )
@@ -99,11 +99,11 @@ def _depth(recording: Recording) -> go.Figure:
         hovertemplate="u %{x}, v %{y}<br>%{z:.3f} m<extra></extra>",
     )
     figure = go.Figure(image)
-    for k, region in enumerate(recording.scanned_regions()):
-        corners = region.rectangle.corners()
-        u, v = np.concatenate([corners, corners[:1]]).T
-        figure.add_scatter(x=u, y=v, mode="lines", line={"width": 3}, name=f"scan {k + 1}: {region.id}")
-        figure.add_annotation(x=u[k % 4], y=v[k % 4], text=str(k + 1), showarrow=False, bgcolor="white")
+    for k, (scan, pixels) in enumerate(zip(recording.last.scans, recording.scanned_pixels(), strict=True)):
+        u, v = pixels.T
+        figure.add_scatter(x=u, y=v, mode="markers", marker={"size": 4}, name=f"scan {k + 1}: {scan.path_id}")
+        for first in pixels[:1]:
+            figure.add_annotation(x=first[0], y=first[1], text=str(k + 1), showarrow=False, bgcolor="white")
     figure.update_xaxes(title="u, pixels", constrain="domain")
     figure.update_yaxes(title="v, pixels", autorange="reversed", scaleanchor="x", constrain="domain")
     figure.update_layout(plot_bgcolor="white", legend=_BELOW)

@@ -1,26 +1,26 @@
-"""The simulated robot: a plain client of the public API, with a finger in a simulated world.
+"""The simulated robot in real time, through the sensor gateway.
 
-    robot = DirectRobot(measure)                            # samples at once, in simulated time
-    with GatewayRobot(finger, "127.0.0.1:50053") as robot:  # in real time, through the sensor gateway
-        for session in drive(client, session, robot.scan):
+    with GatewayRobot(finger, "127.0.0.1:50053") as robot:
+        for session in drive(client, session, robot.stream):
             ...
 
-Each travels above the object, comes down to a scan along the beam, and lifts after it.
+It travels above the object, comes down to a scan along the beam, and lifts after it, or as soon as it is stopped.
 """
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from dataclasses import replace
 from typing import Any, Protocol, Self
 
 import grpc
 import numpy as np
-from numpy.typing import NDArray
 
 from pretouch.channel import open_sync_channel
 from pretouch.errors import InvalidInput, Unavailable, from_rpc_error
-from pretouch.geometry import Array
 from pretouch.session import GatewaySpan, ScanPlan
 from pretouch.tof import RangeSamples
 from pretouch.trajectory import Trajectory
@@ -28,39 +28,12 @@ from pretouch.v1 import common_pb2
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch.wire.common import samples_from_proto
-from pretouch_simulation.robot_motion import Motion, motion_around
-
-Measure = Callable[[Array], tuple[Array, NDArray[np.int64]]]
-"""Tip poses (n, 4, 4) in base to ranges (n,), m, NaN = none, and status codes (n,)."""
+from pretouch_simulation.robot_motion import PIECE, Motion, motion_after
 
 POSE_RATE = 50.0
 """The least rate, per second, at which the robot sends tip poses to the gateway."""
 _LEAD = 0.1  # s from announcing a motion to its start
 _PATIENCE = 20.0  # s that the gateway may take beyond the motion itself, and to find its device
-
-
-class DirectRobot:
-    """A robot whose finger answers at once: scans cost no real time.
-
-    Args:
-        measure: what the one module, at the tip, sees.
-        rate: samples per second of simulated time.
-
-    Attributes:
-        motions: every motion so far, each from where the one before ended.
-    """
-
-    def __init__(self, measure: Measure, rate: float = 30.0) -> None:
-        self._measure = measure
-        self._rate = rate
-        self.motions: list[Motion] = []
-
-    def scan(self, plan: ScanPlan) -> RangeSamples:
-        """Makes the planned scan; times count from the plan's start."""
-        self.motions.append(_next_motion(self.motions, plan))
-        path = plan.path.sampled(self._rate)
-        ranges, status = self._measure(path.base_T_tip)
-        return RangeSamples(path.t, path.base_T_tip, ranges, status, np.zeros(len(path.t), dtype=np.int64))
 
 
 class Finger(Protocol):
@@ -83,6 +56,7 @@ class GatewayRobot:
 
     Attributes:
         motions: every motion so far, as planned, each from where the one before ended.
+        measured: the samples of every scan so far.
     """
 
     def __init__(
@@ -96,6 +70,7 @@ class GatewayRobot:
         self._channel = open_sync_channel(gateway, token)
         self._gateway = SensorGatewayServiceStub(self._channel)
         self.motions: list[Motion] = []
+        self.measured: list[RangeSamples] = []
 
     def __enter__(self) -> Self:
         """Waits until the gateway hears the finger.
@@ -115,44 +90,55 @@ class GatewayRobot:
 
     def scan(self, plan: ScanPlan) -> RangeSamples:
         """Makes the planned scan and returns the samples that the gateway fused, in s since the Unix epoch."""
-        samples, _ = self._play(plan)
-        return samples
+        return RangeSamples.concatenate(list(self.stream(plan)))
 
-    def scan_to_gateway(self, plan: ScanPlan) -> GatewaySpan:
-        """Makes the planned scan and returns its time span; the gateway keeps the samples."""
-        _, span = self._play(plan)
-        return span
+    def stream(self, plan: ScanPlan) -> Generator[RangeSamples, None, None]:
+        """Makes the planned scan and yields, every PIECE seconds, what the gateway fused; closed, it lifts at once."""
+        with closing(self._play(plan)) as played:
+            for _, samples in played:
+                yield samples
 
-    def _play(self, plan: ScanPlan) -> tuple[RangeSamples, GatewaySpan]:
-        self.motions.append(_next_motion(self.motions, plan))
-        motion = self.motions[-1].at_pace(self._pace)
-        start = time.time() + _LEAD
-        self._finger.play(motion.path, start)
-        timeout = motion.path.duration + _LEAD + _PATIENCE
+    def stream_spans(self, plan: ScanPlan) -> Generator[GatewaySpan, None, None]:
+        """As `stream`, but yields the time spans of the samples, from the scan's start; the gateway keeps these."""
+        with closing(self._play(plan)) as played:
+            for span, _ in played:
+                yield span
+
+    def _play(self, plan: ScanPlan) -> Generator[tuple[GatewaySpan, RangeSamples], None, None]:
+        motion = motion_after(self.motions, plan.path)
+        paced = motion.at_pace(self._pace)
+        start, stop = time.time() + _LEAD, threading.Event()
+        span = GatewaySpan(self._device, start + paced.start, start + paced.end)
+        self._finger.play(paced.path, start)
+        timeout = paced.path.duration + _LEAD + _PATIENCE
+        answers = self._gateway.StreamPoints(_tell_poses(self._device, paced.path, start, stop), timeout=timeout)
+        pieces: list[RangeSamples] = []
         try:
-            answers = self._gateway.StreamPoints(self._tell_poses(motion.path, start), timeout=timeout)
-            batches = [samples_from_proto(answer.samples) for answer in answers]
+            for piece in _cut_pieces(answers, span):
+                pieces.append(piece)
+                yield replace(span, end=float(piece.t[-1])), piece
+        except GeneratorExit:
+            motion = self._stop(motion, time.time() - start)
+            raise
         except grpc.RpcError as error:
             raise from_rpc_error(error) from error
-        span = GatewaySpan(self._device, start + motion.start, start + motion.end)
-        return _samples_within(batches, span), span
+        finally:
+            stop.set()
+            answers.cancel()
+            self.motions.append(motion)
+            self.measured.append(RangeSamples.concatenate(pieces))
+        if not pieces:
+            raise Unavailable("The gateway gave no sample of the scan.", "Look at the gateway's log and its device.")
 
-    def _tell_poses(self, path: Trajectory, start: float) -> Iterator[pb.StreamPointsRequest]:
-        """Tells the gateway each pose when the tip is there: at POSE_RATE, and at the corners of its path."""
-        yield pb.StreamPointsRequest(device=self._device)
-        times = np.union1d(np.arange(0.0, path.duration, 1.0 / POSE_RATE), path.t)
-        sent = 0
-        while sent < len(times):
-            time.sleep(max(0.0, start + times[sent] - time.time()))
-            due = max(sent + 1, int(np.searchsorted(start + times, time.time(), side="right")))
-            now = times[sent:due]
-            yield pb.StreamPointsRequest(
-                tip_poses=[
-                    pb.TipPose(t=start + t, base_t_tip=common_pb2.Pose(matrix=pose.ravel()))
-                    for t, pose in zip(now, path.at(now), strict=True)
-                ]
-            )
-            sent = due
+    def _stop(self, motion: Motion, elapsed: float) -> Motion:
+        """Leaves the motion `elapsed` seconds after its start, upwards; the motion that was made. Waits for its end."""
+        now = min(elapsed * self._pace, float(motion.path.t[-1]))
+        stopped = motion.stopped(now)
+        lift = Trajectory(stopped.path.t[stopped.path.t >= now], stopped.path.base_T_tip[stopped.path.t >= now])
+        seconds = lift.duration / self._pace
+        self._finger.play(Trajectory((lift.t - lift.t[0]) / self._pace, lift.base_T_tip), time.time())
+        time.sleep(seconds)
+        return stopped
 
     def _wait_for_finger(self) -> None:
         give_up = time.monotonic() + _PATIENCE
@@ -173,22 +159,33 @@ class GatewayRobot:
             time.sleep(0.1)
 
 
-def _next_motion(motions: list[Motion], plan: ScanPlan) -> Motion:
-    return motion_around(plan.path, motions[-1].path.base_T_tip[-1] if motions else None)
+def _tell_poses(device: str, path: Trajectory, start: float, stop: threading.Event) -> Iterator[pb.StreamPointsRequest]:
+    """Tells the gateway each pose when the tip is there, until `stop`: at POSE_RATE, and at the corners of its path."""
+    yield pb.StreamPointsRequest(device=device)
+    times = np.union1d(np.arange(0.0, path.duration, 1.0 / POSE_RATE), path.t)
+    sent = 0
+    while sent < len(times) and not stop.wait(max(0.0, start + times[sent] - time.time())):
+        due = max(sent + 1, int(np.searchsorted(start + times, time.time(), side="right")))
+        now = times[sent:due]
+        yield pb.StreamPointsRequest(
+            tip_poses=[
+                pb.TipPose(t=start + t, base_t_tip=common_pb2.Pose(matrix=pose.ravel()))
+                for t, pose in zip(now, path.at(now), strict=True)
+            ]
+        )
+        sent = due
 
 
-def _samples_within(batches: list[RangeSamples], span: GatewaySpan) -> RangeSamples:
-    """The samples of all batches that lie in the span, in the order of time.
-
-    Raises:
-        Unavailable: there are none.
-    """
-    columns: dict[str, NDArray[Any]] = {
-        name: np.concatenate([getattr(batch, name) for batch in batches]) if batches else np.zeros(0)
-        for name in ("t", "base_T_tip", "range", "status", "module")
-    }
-    order = np.argsort(columns["t"], kind="stable")
-    order = order[(columns["t"][order] >= span.start) & (columns["t"][order] <= span.end)]
-    if len(order) == 0:
-        raise Unavailable("The gateway gave no sample of the scan.", "Look at the gateway's log and its device.")
-    return RangeSamples(**{name: column[order] for name, column in columns.items()})
+def _cut_pieces(answers: Iterator[Any], span: GatewaySpan) -> Iterator[RangeSamples]:
+    """The samples within the span, in pieces of PIECE seconds or more, each in the order of time."""
+    batches: list[RangeSamples] = []
+    for answer in answers:
+        samples = samples_from_proto(answer.samples)
+        batches.append(samples.select((samples.t >= span.start) & (samples.t <= span.end)))
+        piece = RangeSamples.merge(batches)
+        if len(piece) and piece.t[-1] - piece.t[0] >= PIECE:
+            yield piece
+            batches = []
+    piece = RangeSamples.merge(batches)
+    if len(piece):
+        yield piece

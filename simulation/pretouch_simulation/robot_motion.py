@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ CLEARANCE = 0.15
 """m above a scan's highest waypoint, where the tip travels between scans."""
 TRAVEL_SPEED = 0.25
 """m/s away from the object."""
+PIECE = 0.25
+"""s between the pieces in which a robot tells its samples."""
 _TURN_SPEED = 1.0  # rad/s
 _SHORTEST = 1e-3  # s, of a leg
 
@@ -33,6 +36,16 @@ class Motion:
     def at_pace(self, pace: float) -> Motion:
         """The same motion, `pace` times as fast."""
         return Motion(Trajectory(self.path.t / pace, self.path.base_T_tip), self.start / pace, self.end / pace)
+
+    def stopped(self, t: float) -> Motion:
+        """The same motion, but from its time `t`, s, on up against the beam, as high as it would have ended."""
+        t = min(max(t, self.path.t[0]), self.path.t[-1])
+        before = self.path.t < t
+        (here,) = self.path.at([t])
+        up = -here[:3, 2]
+        times, poses = [*self.path.t[before].tolist(), t], [*self.path.base_T_tip[before], here]
+        _append(times, poses, _raise_pose(here, up, float(self.path.base_T_tip[-1, :3, 3] @ up)))
+        return Motion(Trajectory(np.array(times), np.stack(poses)), min(self.start, t), min(self.end, t))
 
 
 def motion_around(scan: Trajectory, base_T_tip: Array | None) -> Motion:
@@ -59,6 +72,11 @@ def motion_around(scan: Trajectory, base_T_tip: Array | None) -> Motion:
     end = times[-1]
     _append(times, poses, _raise_pose(last, up, top))
     return Motion(Trajectory(np.array(times), np.stack(poses)), start, end)
+
+
+def motion_after(motions: Sequence[Motion], scan: Trajectory) -> Motion:
+    """The motion that makes `scan` from where the last of `motions` ended, if there is one."""
+    return motion_around(scan, motions[-1].path.base_T_tip[-1] if motions else None)
 
 
 def _raise_pose(base_T_tip: Array, up: Array, height: float) -> Array:

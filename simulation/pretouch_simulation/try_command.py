@@ -155,13 +155,10 @@ def _table(record: Record, image: OwnImage) -> Table:
         reason = record.reason or {}
         table.add_row("plan", f"none: {reason.get('detail', record.state.value)} {reason.get('remedy', '')}".strip())
         return table
-    after = {region.id: region.expected_error for region in record.regions}[plan.region_id]
     heights = 100 * plan.path.base_T_tip[:, 2, 3]
-    table.add_row(
-        "first scan", f"{100 * plan.path.length:.0f} cm in {plan.path.duration:.1f} s around {plan.region_id}"
-    )
+    table.add_row("first scan", f"{100 * plan.path.length:.0f} cm in {plan.path.duration:.1f} s along {plan.path_id}")
     table.add_row("fingertip", f"{heights.min():.1f} to {heights.max():.1f} cm above the table")
-    table.add_row("error expected after it", f"{1000 * after:.1f} mm")
+    table.add_row("expected returns", f"{plan.expected_returns:.0%} of its samples")
     return table
 
 

@@ -177,7 +177,7 @@ def number_paths(value: Any, path: str = "") -> Iterator[str]:
         entries = value.items() if isinstance(value, dict) else enumerate(value)
         for name, member in entries:
             yield from number_paths(member, f"{path}.{name}" if path else str(name))
-    elif isinstance(value, int | float):
+    elif isinstance(value, int | float) and not isinstance(value, bool):
         yield path
 
 

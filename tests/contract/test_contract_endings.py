@@ -16,7 +16,7 @@ from helpers.processes import Orchestrator
 from pretouch.client import RestClient
 from pretouch.estimate import Estimate, Mode
 from pretouch.geometry import Pose
-from pretouch.session import Budget, ScanPlan, ScanSettings, Session, Skipped, State, Submission, Tolerance
+from pretouch.session import Budget, Planner, ScanPlan, ScanSettings, Session, Skipped, State, Submission, Tolerance
 
 STUCK = "All 96 ranges are 31.2 mm: the sensor is stuck."
 FAR = Pose.from_rotation_vector([0.0, 0.0, 0.5], [0.01, 0.02, 0.0])
@@ -59,12 +59,12 @@ fine = Tolerance(error=1e-6)
         ("scans", {"budget": Budget(1, 1e5, 1.0)}, measured, unchanged, 1, "1 of 1 scan"),
         ("seconds", {"budget": Budget(20, 0.01, 1.0)}, measured, unchanged, 0, "0.01 robot seconds"),
         ("fraction", {"budget": Budget(20, 1e5, 0.001)}, measured, unchanged, 0, "0.1% allowed"),
-        ("nothing-to-gain", {"budget": roomy, "tolerance": fine}, measured, unchanged, 3, "Of 3 regions"),
-        ("nothing-to-gain", {"budget": roomy}, skipped, unchanged, 0, "could not reach 3"),
+        ("nothing-to-gain", {"budget": roomy, "tolerance": fine}, measured, unchanged, 3, "After 3 scans"),
+        ("nothing-to-gain", {"budget": roomy}, skipped, unchanged, 0, "and 3 paths that the finger could not reach"),
         ("out-of-range", {"budget": Budget(2, 1e5, 1.0), "scan": HIGH}, missed, unchanged, 2, "of 2 scans returned"),
         ("sensor", {"budget": roomy}, missed, unchanged, 2, "it is dead"),
         ("misfit", {"budget": roomy}, measured, misfit, 3, "0.0004"),
-        ("sensor", {"budget": roomy}, measured, stuck, 2, STUCK),
+        ("sensor", {"budget": roomy}, measured, stuck, 2, "is stuck"),
     ],
 )
 async def test_an_exhausted_session_says_why(
@@ -78,7 +78,7 @@ async def test_an_exhausted_session_says_why(
     said: str,
 ) -> None:
     with fakes.estimating(estimated):
-        session: Session = await client.create_session(request(**asked), DEPTH, MASK)
+        session: Session = await client.create_session(request(planner=Planner.CONFIDENCE, **asked), DEPTH, MASK)
         while session.next_scan is not None:
             assert session.reason is None
             session = await client.submit(session.id, session.next_scan.scan_id, execute(session.next_scan))

@@ -7,14 +7,18 @@ from __future__ import annotations
 
 import inspect
 import re
-import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from datetime import timedelta
 from typing import Any
 
 import numpy as np
 
+from pretouch.client.reflex import RANGE_UNDERFLOW
 from pretouch.geometry import Array, Pose, rotation_from_vector, vector_from_rotation
+from pretouch.tof import RangeSamples
+from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.wire.common import samples_to_proto
 
 START = Pose.of(np.diag([1.0, -1.0, -1.0]), [0.3, 0.1, 0.6]).matrix
 """base_T_flange before the first motion."""
@@ -180,7 +184,8 @@ class FakeXArm:
 class FakeFranka:
     """A Franka under franky, whose end effector is the flange; its motions are franky's own objects.
 
-    A motion beyond `reach` stops half-way by the control exception `refusal`.
+    A motion beyond `reach` stops half-way by the control exception `refusal`; a new motion takes over from the one
+    before.
     """
 
     def __init__(self, refusal: type[Exception], pose: Callable[[Array], Any]) -> None:
@@ -189,14 +194,12 @@ class FakeFranka:
         self.relative_dynamics_factor = 1.0
         self.stopped = False
         self._refusal, self._pose = refusal, pose
-        self._coming: list[Array] = []
-        self._read = threading.Semaphore(0)
+        self._coming: list[tuple[float, Array]] = []
+        self._from = time.monotonic(), START
 
     @property
     def current_pose(self) -> Any:
-        pose = self._pose(self.flange)
-        self._read.release()
-        return pose
+        return self._pose(self.flange)
 
     def recover_from_errors(self) -> bool:
         self.stopped = False
@@ -205,54 +208,62 @@ class FakeFranka:
     def move(self, motion: Any, asynchronous: bool) -> None:
         assert asynchronous
         assert not self.stopped
-        assert not self._coming
         tip_T_flange = np.linalg.inv(motion.ee_frame.matrix)
-        tips = [waypoint.target.pose.end_effector_pose.matrix for waypoint in motion.waypoints]
-        self._coming = [tip @ tip_T_flange for tip in tips]
-        self.motions.append("move" if len(tips) == 1 else "servo")
+        at = time.monotonic()
+        self._from, self._coming = (at, self.flange), []
+        for waypoint in motion.waypoints:
+            at += waypoint.minimum_time.to_msec() / 1000 if waypoint.minimum_time is not None else 0.0
+            self._coming.append((at, waypoint.target.pose.end_effector_pose.matrix @ tip_T_flange))
+        self.motions.append("move" if len(motion.waypoints) == 1 else "servo")
 
     def poll_motion(self) -> bool:
-        if not self._coming:
-            return False
-        goal = self._coming.pop(0)
-        if goal[0, 3] > self.reach:
+        now = time.monotonic()
+        while self._coming and self._coming[0][0] <= now:
+            self._from = self._coming.pop(0)
+            self._reach_for(self._from[1])
+        if self._coming:
+            (t0, start), (t1, goal) = self._from, self._coming[0]
+            pose = goal.copy()
+            pose[:3, 3] = start[:3, 3] + (now - t0) / (t1 - t0) * (goal[:3, 3] - start[:3, 3])
+            self._reach_for(pose)
+        return bool(self._coming)
+
+    def _reach_for(self, flange: Array) -> None:
+        if flange[0, 3] > self.reach:
             self.stopped, self._coming = True, []
             raise self._refusal("cartesian_motion_generator_joint_position_limits_violation")
-        self.flange = goal
-        if self.motions[-1] == "servo":  # long enough for its pose to be read twice, once from its beginning
-            while self._read.acquire(blocking=False):
-                pass
-            assert all(self._read.acquire(timeout=10) for _ in range(2))
-        return True
+        self.flange = flange
 
 
 class FakeGateway:
-    """Takes `StreamPoints` calls as gRPC does, reading the requests in a thread of its own.
+    """Takes `StreamPoints` calls as gRPC does, reading the requests in a thread of its own: a sample for each tip pose.
 
     Attributes:
+        ground: m in base, the height of what the finger sees everywhere; it measures from 1 to 10 cm.
         device: what the first request named.
         told: (time, base_T_tip) of every tip pose.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, ground: float = 0.01) -> None:
+        self.ground = ground
         self.device = ""
         self.told: list[tuple[float, Array]] = []
 
-    def StreamPoints(self, requests: Iterable[Any]) -> Iterator[Any]:
-        reader = threading.Thread(target=self._read, args=(requests,))
-        reader.start()
-
-        def answers() -> Iterator[Any]:
-            reader.join(10)
-            assert not reader.is_alive(), "the stream of poses does not end"
-            yield from ()
-
-        return answers()
-
-    def _read(self, requests: Iterable[Any]) -> None:
+    def StreamPoints(self, requests: Iterable[Any]) -> Iterator[pb.StreamPointsResponse]:
         for request in requests:
             self.device = request.device or self.device
-            self.told += [(pose.t, np.array(pose.base_t_tip.matrix).reshape(4, 4)) for pose in request.tip_poses]
+            told = [(pose.t, np.array(pose.base_t_tip.matrix).reshape(4, 4)) for pose in request.tip_poses]
+            self.told += told
+            if told:
+                yield self._answer(told)
+
+    def _answer(self, told: list[tuple[float, Array]]) -> pb.StreamPointsResponse:
+        t, poses = np.array([t for t, _ in told]), np.stack([pose for _, pose in told])
+        metres = (poses[:, 2, 3] - self.ground) / -poses[:, 2, 2]
+        status = np.where(metres < 0.01, RANGE_UNDERFLOW, np.where(metres > 0.1, 7, 0))
+        ranges = np.where(status == 0, metres, np.nan)
+        samples = RangeSamples(t, poses, ranges, status, np.zeros(len(t), dtype=np.int64))
+        return pb.StreamPointsResponse(samples=samples_to_proto(samples))
 
 
 def _matrix(xyz: Any, rotation_vector: Any) -> Array:

@@ -240,8 +240,10 @@ class _Registrar(registrar_pb2_grpc.RegistrarServiceServicer):
     def PredictScans(self, request: Any, context: grpc.ServicerContext) -> registrar_pb2.PredictScansResponse:
         self.upstream.enter("PredictScans", request, context)
         present = self._estimate(request).expected_error
-        errors = [present * min(0.99, 0.5 + 0.05 * k) for k in range(len(request.candidates))]
-        return registrar_pb2.PredictScansResponse(expected_errors=errors)
+        pieces = range(sum(max(1, len(candidate.spans)) for candidate in request.candidates))
+        return registrar_pb2.PredictScansResponse(
+            expected_errors=[present * min(0.99, 0.5 + 0.05 * k) for k in pieces], expected_returns=[1.0] * len(pieces)
+        )
 
 
 class _Gateway(gateway_pb2_grpc.SensorGatewayServiceServicer):

@@ -19,10 +19,10 @@ from pretouch.errors import Unavailable
 from pretouch.estimate import Estimate, Prior, from_prior, point_error
 from pretouch.geometry import Plane, Pose
 from pretouch.rectangle import ProposedRegion, RotatedRectangle
+from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
 from pretouch.session import Points, Proposer, SessionRequest, Skipped
 from pretouch.tof import RangeSamples, Scan, Sensor
-from pretouch.trajectory import Trajectory
 
 WORLD = World((Box.standing((0.09, 0.07, 0.05), (0.01, 0.0), 0.4), Box.standing((0.04, 0.04, 0.03), (0.0, 0.15))))
 CORRECTION = Pose.from_rotation_vector((0.01, -0.02, 0.03), (0.008, -0.006, 0.01))
@@ -88,10 +88,13 @@ class FormulaRegistrar:
         )
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
-    ) -> list[float]:
+        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+    ) -> list[list[Prediction]]:
         present = (await self.register(scene, scans, prior, sensor)).expected_error
-        return [present / (1 + path.length) for path in candidates]
+        return [
+            [Prediction(present / (1 + each.path.between(*piece).length), 1.0) for piece in each.pieces]
+            for each in candidates
+        ]
 
 
 def asked(**changes: Any) -> SessionRequest:

@@ -35,6 +35,9 @@ def run_of(key: RunKey, *errors: float, initial: float = 0.02, distances2: Seque
             robot_seconds=8.0 * scan,
             compute_ms=50.0,
             camera=key.camera,
+            scan_seconds=8.0,
+            returns=0.5,
+            scene=key.scene,
             frame=key.frame,
         )
         for scan, error in enumerate(errors, start=1)

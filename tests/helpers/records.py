@@ -15,7 +15,7 @@ from pretouch.geometry import Plane, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, State
-from pretouch.tof import Scan
+from pretouch.tof import RangeSamples, Scan
 from pretouch.trajectory import Trajectory
 from pretouch.wire import json
 
@@ -58,8 +58,18 @@ def a_record(session_id: str = "one") -> Record:
             fit=1 / 3,
             sensor_problem="All 40 ranges are 31.2 mm: the sensor is stuck.",
         ),
-        next_scan=ScanPlan("s2", "r1", Trajectory(np.arange(4) / 3, tip)),
+        next_scan=ScanPlan("s2", "line-3", None, Trajectory(np.arange(4) / 3, tip), 0.7),
     )
+
+
+def after_telling(record: Record, count: int = 3) -> Record:
+    """`count` more samples of the next scan are told."""
+    start = len(record.told_samples)
+    t = (start + np.arange(count)) / 3
+    poses = np.tile(Pose.from_rotation_vector([0, 0.1, 0.3], [1 / 3, 0, 0.1]).matrix, (count, 1, 1))
+    ranges = np.where(np.arange(count) % 2, np.nan, 0.1 / 3)
+    codes = np.arange(start, start + count)
+    return replace(record, told=(*record.told, RangeSamples(t, poses, ranges, codes, codes)))
 
 
 def after_a_scan(record: Record) -> Record:
@@ -68,8 +78,9 @@ def after_a_scan(record: Record) -> Record:
         record,
         state=State.FAILED,
         next_scan=None,
-        scans=(*record.scans, ScanSummary("s2", "r1", 3, 2, 0.1, 2.0, 0.01)),
+        scans=(*record.scans, ScanSummary("s2", "line-3", None, 3, 2, 0.1, 2.0, 0.01)),
         measured=(*record.measured, beams),
+        told=(),
         skipped=("r7",),
         answered=("s1", "s2"),
         budget_used=BudgetUsed(1, 2.0, 0.1),

@@ -29,6 +29,9 @@ FIELDS = {
     "robot_seconds": float,
     "compute_ms": float,
     "camera": str,
+    "scan_seconds": float,
+    "returns": float,
+    "scene": str,
 }
 
 
@@ -71,7 +74,9 @@ def test_rows_have_the_agreed_form_and_do_not_depend_on_the_workers(meshes: Path
         assert {name: type(value) for name, value in row.items()} == FIELDS
         assert 0 < row["initial_error"] < 0.06
         assert 0 <= row["fraction"] <= 1
-        assert row["robot_seconds"] > 0
+        assert row["robot_seconds"] >= row["scan_seconds"] > 0
+        assert 0 <= row["returns"] <= 1
+        assert row["scene"] == "alone"
     assert [(row["mesh"], row["view"], row["scan"]) for row in one["rows"]] == [
         (mesh, 0, scan) for mesh in ("drill", "mug") for scan in (1, 2)
     ]
@@ -89,7 +94,8 @@ def test_real_frames_have_sessions_with_default_budgets(tmp_path: Path) -> None:
     assert answer["seed"] == 4
     rows = answer["rows"]
     for row in rows:
-        assert {name: type(value) for name, value in row.items()} == {**FIELDS, "frame": str, "error_fitted": float}
+        fields = {**FIELDS, "frame": str, "error_fitted": float}
+        assert {name: type(value) for name, value in row.items()} == {k: v for k, v in fields.items() if k != "scene"}
         assert (row["frame"], row["view"], row["camera"]) == ("frame", 4, "real")
         assert abs(row["error"] - row["error_fitted"]) < 0.002
     for name in ("box", "can"):
@@ -207,11 +213,22 @@ def test_a_session_that_converged_says_so_and_stops(meshes: Path, tmp_path: Path
     assert [row["state"] for row in never["rows"]] == ["awaiting_scan", "awaiting_scan", "exhausted"]
 
 
-def test_a_low_tip_is_planned_otherwise(meshes: Path, tmp_path: Path) -> None:
+def test_other_things_may_stand_around_each_object(tmp_path: Path) -> None:
+    for name in ("can", "box"):
+        write_mesh(tmp_path / f"{name}.obj", MAKERS[name]())
+    write_mesh(tmp_path / "mug.obj", MAKERS["mug"]())
+    options = ("--only", "mug", "--views", "1", "--scans", "1", "--proposer", "random")
+    alone, among = (evaluate(tmp_path, tmp_path / f"{len(more)}.json", *options, *more) for more in ([], ["--clutter"]))
+    assert [row["scene"] for row in (*alone["rows"], *among["rows"])] == ["alone", "clutter"]
+    assert alone["rows"][0]["error"] != among["rows"][0]["error"]
+
+
+def test_a_guarded_tip_is_planned_otherwise(meshes: Path, tmp_path: Path) -> None:
     options = ("--only", "drill", "--views", "1", "--scans", "1", "--proposer", "random")
-    safe, low = (evaluate(meshes, tmp_path / f"{tip}.json", *options, "--tip", tip) for tip in ("safe", "low"))
-    assert safe["rows"][0]["initial_error"] == low["rows"][0]["initial_error"]
-    assert safe["rows"][0]["error"] != low["rows"][0]["error"]
+    safe = evaluate(meshes, tmp_path / "safe.json", *options)
+    guarded = evaluate(meshes, tmp_path / "guarded.json", *options, "--guarded")
+    assert safe["rows"][0]["initial_error"] == guarded["rows"][0]["initial_error"]
+    assert safe["rows"][0]["error"] != guarded["rows"][0]["error"]
 
 
 def test_a_missing_folder_is_said_in_two_lines(tmp_path: Path) -> None:

@@ -30,10 +30,20 @@ def world() -> World:
     return World.of("hammer", np.random.default_rng(0))
 
 
+def as_plan(path: Trajectory) -> ScanPlan:
+    return ScanPlan("scan-1", "line-1", None, path, 1.0)
+
+
 def line(x: float, z: float = 0.10) -> ScanPlan:
     """6 cm along y at 5 cm/s over x, the beam down from a height of z."""
     poses = [Pose.of(DOWN, [x, y, z]).matrix for y in (0.0, 0.06)]
-    return ScanPlan("scan-1", "region-1", Trajectory(np.array([0.0, 1.2]), np.stack(poses)))
+    return as_plan(Trajectory(np.array([0.0, 1.2]), np.stack(poses)))
+
+
+def scanned(robot: Robot, plan: ScanPlan) -> RangeSamples:
+    pieces = list(robot.scan(plan))
+    assert all(isinstance(piece, RangeSamples) for piece in pieces)
+    return RangeSamples.concatenate([piece for piece in pieces if isinstance(piece, RangeSamples)])
 
 
 def test_the_arm_follows_a_path_within_its_limits() -> None:
@@ -59,18 +69,45 @@ def _tip_at(scene: World, joints: Array) -> Array:
 def test_what_the_arm_cannot_reach_is_skipped(plan: ScanPlan) -> None:
     scene = world()
     before = np.array(scene.data.qpos)
-    assert isinstance(Robot(scene, Finger(scene, np.random.default_rng(0))).scan(plan), Skipped)
+    (piece,) = Robot(scene, Finger(scene, np.random.default_rng(0))).scan(plan)
+    assert isinstance(piece, Skipped)
     np.testing.assert_array_equal(scene.data.qpos, before)
 
 
 def test_samples_are_of_the_surface_below_the_tip() -> None:
     scene = world()
-    samples = Robot(scene, Finger(scene, np.random.default_rng(0))).scan(line(0.3, z=0.05))
-    assert isinstance(samples, RangeSamples)
+    samples = scanned(Robot(scene, Finger(scene, np.random.default_rng(0))), line(0.3, z=0.05))
     assert len(samples) == pytest.approx(36, abs=2)
     heights = samples.base_T_tip[:, 2, 3] - samples.range
     assert abs(float(np.nanmedian(heights))) < 0.002
     assert float(np.abs(samples.base_T_tip[:, 2, 3] - 0.05).max()) < 0.003
+
+
+def test_an_arm_that_is_stopped_leaves_the_path_upwards_and_scans_again() -> None:
+    scene = world()
+    robot = Robot(scene, Finger(scene, np.random.default_rng(0)))
+    flight = robot.scan(line(0.3, z=0.05))
+    first = next(flight)
+    flight.close()
+    assert isinstance(first, RangeSamples)
+    assert first.t[-1] - first.t[0] < 0.3
+    tip = scene.base_T_tip()
+    np.testing.assert_allclose(tip[:2, 3], first.base_T_tip[-1, :2, 3], atol=0.02)
+    assert tip[2, 3] == pytest.approx(0.30, abs=0.01)
+    assert len(scanned(robot, line(0.3, z=0.05))) == pytest.approx(36, abs=2)
+    assert (robot.touches, robot.skipped) == (0, 0)
+
+
+def test_the_arms_reflex_keeps_it_off_an_object_that_the_plan_does_not_know() -> None:
+    scene = World.of("stapler", np.random.default_rng(0))
+    x, y, _ = scene.data.body("object").xpos
+    along = scene.data.body("object").xmat.reshape(3, 3)[:, 0]
+    poses = [Pose.of(DOWN, [x + s * along[0], y + s * along[1], 0.02]).matrix for s in (-0.03, 0.04)]
+    robot = Robot(scene, Finger(scene, np.random.default_rng(0)))
+    samples = scanned(robot, as_plan(Trajectory(np.array([0.0, 1.4]), np.stack(poses))))
+    assert robot.touches == 0
+    assert samples.base_T_tip[:, 2, 3].min() > 0.045
+    assert len(samples) == pytest.approx(42, abs=2)
 
 
 def test_the_camera_sees_the_table_at_its_height_and_the_truth_is_no_error() -> None:

@@ -33,7 +33,7 @@ def test_the_gateway_keeps_the_samples_of_the_span(monkeypatch: pytest.MonkeyPat
     example = importlib.import_module("examples.ufactory_xarm")
     monkeypatch.setattr(example, "XArmAPI", lambda *_, **__: FakeXArm())
     poses = [Pose.of(np.diag([1.0, -1.0, -1.0]), [x, 0.05, 0.06]).matrix for x in (0.50, 0.56)]
-    plan = ScanPlan("scan-1", "region-1", Trajectory(np.array([0.0, 1.2]), np.stack(poses)))
+    plan = ScanPlan("scan-1", "line-1", None, Trajectory(np.array([0.0, 1.2]), np.stack(poses)), 1.0)
     with FingerProcess([sys.executable, "-c", FINGER]) as finger:
         gateway = Service("gateway", free_port(), {"PRETOUCH_GATEWAY_DEVICES": f"finger={finger.port}"})
         gateway.start()

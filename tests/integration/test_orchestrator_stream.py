@@ -13,9 +13,11 @@ import pytest
 from helpers import box_view
 from helpers.processes import Orchestrator
 from helpers.rest_sessions import opened
+from helpers.told_scans import NOTHING
 
 from pretouch.channel import open_sync_channel
 from pretouch.errors import PretouchError, from_rpc_error
+from pretouch.session import SampleChunk
 from pretouch.tof import RangeSamples
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1.orchestrator_pb2_grpc import OrchestratorServiceStub
@@ -38,8 +40,11 @@ class Run:
         self._answers = stub.RunSession(iter(self._steps.get, None), timeout=TIMEOUT, wait_for_ready=True)
 
     def ask(self, **step: Any) -> pb.Session:
+        return self.step(**step).session
+
+    def step(self, **step: Any) -> pb.RunSessionResponse:
         self._steps.put(pb.RunSessionRequest(**step))
-        return next(self._answers).session
+        return next(self._answers)
 
     def end(self) -> list[Any]:
         """Nothing more is asked; what still comes back."""
@@ -84,6 +89,32 @@ def test_a_stream_takes_up_a_session_that_rest_opened(stub: Any, rest: httpx.Cli
     assert run.end() == []
     now = rest.get(f"/v1/sessions/{answer.id}").json()
     assert json.session_to_json(session.session_from_proto(answer)) == now
+
+
+def test_samples_of_a_scan_under_way_are_answered_with_its_progress(stub: Any) -> None:
+    run = Run(stub)
+    answer = run.ask(create=creation())
+    samples = session.submission_from_proto(scan(answer))
+    assert isinstance(samples, RangeSamples)
+    scan_id = answer.next_scan.scan_id
+    for start, end in ((0, 2), (0, 3)):
+        chunk = SampleChunk(start, samples.select(slice(start, end)))
+        told = run.step(samples=session.telling_to_proto("", scan_id, chunk))
+        assert (told.HasField("session"), told.progress.told) == (False, end)
+    rest = samples.select(slice(3, None))
+    answer = run.ask(scan=session.submission_to_proto("", scan_id, rest))
+    assert answer.scans[0].samples == len(samples)
+    late = session.telling_to_proto("", scan_id, SampleChunk(0, samples))
+    assert "closed" in refused(run, samples=late).detail
+
+
+def test_samples_before_a_session_or_for_another_are_refused(stub: Any) -> None:
+    answer = Run(stub).ask(create=creation())
+    foreign = session.telling_to_proto("another", answer.next_scan.scan_id, SampleChunk(0, NOTHING))
+    assert "first" in refused(Run(stub), samples=foreign).remedy
+    run = Run(stub)
+    run.ask(session_id=answer.id)
+    assert "another" in refused(run, samples=foreign).detail
 
 
 def test_steps_out_of_order_are_refused(stub: Any) -> None:

@@ -23,6 +23,7 @@ from pretouch_registrar.service import running as registrar_running
 from pretouch.channel import open_channel
 from pretouch.errors import InvalidInput, Malformed, PretouchError, TooLarge, Unavailable, from_rpc_error
 from pretouch.geometry import Pose
+from pretouch.scan_prediction import Candidate
 from pretouch.serving import Running, Settings, started
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
@@ -30,6 +31,7 @@ from pretouch.v1 import detector_pb2, registrar_pb2
 from pretouch.v1.detector_pb2_grpc import DetectorServiceStub
 from pretouch.v1.registrar_pb2_grpc import RegistrarServiceStub
 from pretouch.wire.common import array_to_proto, estimate_from_proto, scan_to_proto, scene_to_proto
+from pretouch.wire.scan_prediction import candidate_to_proto, predictions_from_proto
 
 WORLD = World((Box.standing((0.08, 0.06, 0.05), yaw=0.3),))
 SCENE = WORLD.scene().cropped(0.08)[0]
@@ -106,8 +108,45 @@ async def test_predictions_come_one_a_candidate() -> None:
             for p in (path(0.0), path(0.3))
         ]
         request = registrar_pb2.PredictScansRequest(scene=scene_to_proto(SCENE), candidates=candidates)
-        across, elsewhere = (await stub.PredictScans(request, timeout=60)).expected_errors
+        answer = await stub.PredictScans(request, timeout=60)
+        across, elsewhere = answer.expected_errors
         assert across < elsewhere
+        assert len(answer.expected_returns) == 2
+
+
+async def test_predictions_come_one_a_span_in_order() -> None:
+    async with served("registrar", registrar_running, RegistrarServiceStub) as stub:
+        whole, other = path(0.0), path(0.3)
+        end = float(whole.t[-1])
+        candidates = [Candidate(other, ((0.0, end),)), Candidate(whole, ((0.0, end / 2), (0.0, end))), Candidate(other)]
+        request = registrar_pb2.PredictScansRequest(
+            scene=scene_to_proto(SCENE), candidates=map(candidate_to_proto, candidates)
+        )
+        message = await stub.PredictScans(request, timeout=60)
+        (first,), (half, all_), (last,) = predictions_from_proto(message, candidates)
+        assert first == last
+        assert all_.expected_error < half.expected_error < first.expected_error
+
+
+@pytest.mark.parametrize(
+    ("spans", "said"),
+    [
+        ([(0.0, 1e3)], "A span is from 0 to 1000 s"),
+        ([(0.5, 0.5)], "A span is from 0.5 to 0.5 s"),
+        ([(float("nan"), 0.5)], "A span is from nan"),
+        ([(0.0, 0.5)] * 2001, "The candidates have 2001 pieces"),
+    ],
+)
+async def test_spans_that_cannot_be_predicted_are_refused(spans: list[tuple[float, float]], said: str) -> None:
+    async with served("registrar", registrar_running, RegistrarServiceStub) as stub:
+        message = candidate_to_proto(Candidate(path(0.0)))
+        message.spans.extend(registrar_pb2.Span(start=start, end=end) for start, end in spans)
+        request = registrar_pb2.PredictScansRequest(scene=scene_to_proto(SCENE), candidates=[message])
+        with pytest.raises(AioRpcError) as failure:
+            await stub.PredictScans(request, timeout=60)
+        error = from_rpc_error(failure.value)
+        assert isinstance(error, InvalidInput)
+        assert error.detail.startswith(said)
 
 
 def _broken(**change: Any) -> registrar_pb2.RegisterRequest:

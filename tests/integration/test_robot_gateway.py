@@ -56,7 +56,7 @@ def plan(scan_id: str, x: float) -> ScanPlan:
     """10 cm along x at 5 cm/s, the beam straight down; the tip rises from 4 to 6 cm."""
     down = np.diag([1.0, -1.0, -1.0])
     poses = np.stack([Pose.of(down, [x, 0.1, 0.04]).matrix, Pose.of(down, [x + 0.1, 0.1, 0.06]).matrix])
-    return ScanPlan(scan_id, "region-1", Trajectory(np.array([0.0, 2.0]), poses))
+    return ScanPlan(scan_id, "region-1", "region-1", Trajectory(np.array([0.0, 2.0]), poses), 1.0)
 
 
 def test_samples_lie_on_the_path_and_tell_the_slope(line: Line) -> None:
@@ -76,17 +76,34 @@ def test_samples_lie_on_the_path_and_tell_the_slope(line: Line) -> None:
     np.testing.assert_array_equal(second.path.base_T_tip[0], first.path.base_T_tip[-1])
 
 
-def test_a_span_names_what_the_gateway_keeps(line: Line) -> None:
+def test_spans_name_what_the_gateway_keeps(line: Line) -> None:
     with GatewayRobot(line.finger, line.gateway.address, "finger", PACE, token="secret") as robot:
-        span = robot.scan_to_gateway(plan("scan-1", 0.0))
+        *earlier, span = robot.stream_spans(plan("scan-1", 0.0))
     assert span.device == "finger"
-    assert span.end - span.start == pytest.approx(2.0 / PACE)
+    assert span.end - span.start == pytest.approx(2.0 / PACE, abs=2 / RATE)
+    assert [each.start for each in earlier] == [span.start] * len(earlier)
+    assert all(each.end < span.end for each in earlier)
     with open_sync_channel(line.gateway.address, "secret") as channel:
         request = pb.GetSamplesRequest(device="finger", to=span.end, **{"from": span.start})
         samples = samples_from_proto(SensorGatewayServiceStub(channel).GetSamples(request, timeout=30).samples)
     assert len(samples) >= 0.9 * 2.0 / PACE * RATE
     tips = samples.base_T_tip[:, :3, 3]
     np.testing.assert_allclose(samples.range, tips[:, 2] - 0.5 * tips[:, 0], atol=1e-3)
+
+
+def test_a_robot_that_is_stopped_leaves_the_path_at_once(line: Line) -> None:
+    with GatewayRobot(line.finger, line.gateway.address, "finger", 1.0, token="secret") as robot:
+        flight = robot.stream(plan("scan-1", 0.0))
+        first = next(flight)
+        flight.close()
+        following = robot.scan(plan("scan-2", 0.0))
+    assert first.t[-1] - first.t[0] < 1.0
+    stopped, _ = robot.motions
+    assert stopped.end - stopped.start < 2.0
+    np.testing.assert_array_equal(robot.measured[0].t, first.t)
+    tips = following.base_T_tip[:, :3, 3]
+    assert len(following) >= 0.9 * 2.0 * RATE
+    np.testing.assert_allclose(following.range, tips[:, 2] - 0.5 * tips[:, 0], atol=1e-3)
 
 
 def test_a_finger_that_is_not_heard_is_named(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,7 +34,7 @@ SESSION = Session(
     planner=Planner.INFORMATION,
     regions=(),
     estimate=from_prior(Prior(), np.eye(3)),
-    next_scan=ScanPlan("scan-1", "region-1", Trajectory(np.arange(2.0), np.tile(np.eye(4), (2, 1, 1)))),
+    next_scan=ScanPlan("scan-1", "line-1", None, Trajectory(np.arange(2.0), np.tile(np.eye(4), (2, 1, 1))), 1.0),
 )
 ENDED = dataclasses.replace(SESSION, state=State.EXHAUSTED, next_scan=None)
 REQUEST = SessionRequest(Camera(525, 525, 1, 1), Pose.identity())

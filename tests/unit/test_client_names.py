@@ -9,13 +9,16 @@ import pytest
 import pretouch.client
 from pretouch.client import AsyncClient, AsyncGrpcClient, AsyncRestClient, GrpcClient, RestClient, SyncClient
 
-METHODS = {"create_session", "session", "sessions", "all_sessions", "next_scan", "submit", "cancel", "events", "close"}
+METHODS = {
+    *("create_session", "session", "sessions", "all_sessions", "next_scan"),
+    *("submit", "tell", "cancel", "events", "close"),
+}
 
 
 def test_the_public_names_are_these() -> None:
     assert sorted(pretouch.client.__all__) == [
-        *("AsyncClient", "AsyncGrpcClient", "AsyncRestClient", "Event", "GrpcClient", "ImageLike", "RestClient"),
-        *("SessionPage", "SyncClient", "drive", "drive_async"),
+        *("AsyncClient", "AsyncGrpcClient", "AsyncRestClient", "Event", "GrpcClient", "Guard", "ImageLike", "Reflex"),
+        *("RestClient", "ScanPiece", "SessionPage", "SyncClient", "add_descent", "drive", "drive_async"),
     ]
     assert all(hasattr(pretouch.client, name) for name in pretouch.client.__all__)
 

@@ -1,15 +1,14 @@
-"""The simulated robot keeps clear of the object between scans and measures along the planned path."""
+"""The simulated robot keeps clear of the object between scans."""
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from pretouch_simulation.robot import DirectRobot, GatewayRobot
+from pretouch_simulation.robot import GatewayRobot
 from pretouch_simulation.robot_motion import CLEARANCE, TRAVEL_SPEED, motion_around
 
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
-from pretouch.session import ScanPlan
 from pretouch.trajectory import Trajectory
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -62,21 +61,18 @@ def test_a_faster_pace_keeps_the_path() -> None:
     np.testing.assert_array_equal(fast.path.base_T_tip, motion.path.base_T_tip)
 
 
-def test_the_direct_robot_measures_along_the_path_in_simulated_time() -> None:
-    def table(base_T_tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        heights = base_T_tip[:, 2, 3]
-        return heights, np.where(heights > 0.05, 7, 0)
-
-    robot = DirectRobot(table, rate=10.0)
-    scan = path((0, 0, 0.04), (0.1, 0, 0.06))
-    samples = robot.scan(ScanPlan("scan-1", "region-1", scan))
-    np.testing.assert_allclose(samples.t, np.arange(len(samples)) / 10)
-    assert samples.t[-1] <= scan.duration < samples.t[-1] + 0.1
-    np.testing.assert_allclose(samples.range, samples.base_T_tip[:, 2, 3])
-    assert (samples.status == np.where(samples.range > 0.05, 7, 0)).all()
-    robot.scan(ScanPlan("scan-2", "region-2", path((0.2, 0, 0.04), (0.1, 0, 0.06))))
-    assert len(robot.motions) == 2
-    np.testing.assert_array_equal(robot.motions[1].path.base_T_tip[0], robot.motions[0].path.base_T_tip[-1])
+@settings(max_examples=40)
+@given(scans, st.floats(0.01, 1.0))
+def test_a_motion_that_is_stopped_is_the_same_until_then_and_rises(one: Trajectory, share: float) -> None:
+    motion = motion_around(one, None)
+    now = share * motion.path.duration
+    stopped = motion.stopped(now)
+    times = np.linspace(0.0, now, 20)
+    np.testing.assert_allclose(stopped.path.at(times), motion.path.at(times), atol=1e-9)
+    last, here = stopped.path.base_T_tip[-1], motion.path.at([now])[0]
+    np.testing.assert_allclose(last[:2], here[:2], atol=1e-9)
+    assert last[2, 3] == pytest.approx(motion.path.base_T_tip[-1, 2, 3])
+    assert stopped.start <= stopped.end <= now + 1e-9 or share == 1.0
 
 
 def test_a_pace_of_nothing_is_refused() -> None:

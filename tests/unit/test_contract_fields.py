@@ -23,7 +23,9 @@ from pretouch.session import (
     GatewaySpan,
     Points,
     Region,
+    SampleChunk,
     ScanPlan,
+    ScanProgress,
     ScanSettings,
     ScanSummary,
     Session,
@@ -77,6 +79,7 @@ DERIVED = [
     Contract(RotatedRectangle, common_pb2.Rectangle.DESCRIPTOR),
     Contract(Region, orchestrator_pb2.Region.DESCRIPTOR, "Region", _CONVERGED["regions"][0]),
     Contract(ScanSummary, orchestrator_pb2.ScanSummary.DESCRIPTOR, "ScanSummary", _CONVERGED["scans"][0]),
+    Contract(ScanProgress, orchestrator_pb2.ScanProgress.DESCRIPTOR, "ScanProgress", examples.PROGRESS),
     Contract(BudgetUsed, orchestrator_pb2.BudgetUsed.DESCRIPTOR, "BudgetUsed", _CONVERGED["budget_used"]),
 ]
 """Types whose message, JSON and schema are derived from the dataclass."""
@@ -106,6 +109,14 @@ WRITTEN = [
     ),
     Contract(RangeSamples, common_pb2.Samples.DESCRIPTOR, "Sample", _SUBMISSIONS["samples"]["samples"][0]),
     Contract(Points, orchestrator_pb2.Points.DESCRIPTOR, "Points", _SUBMISSIONS["points"]),
+    Contract(
+        SampleChunk,
+        orchestrator_pb2.SampleChunk.DESCRIPTOR,
+        "SampleChunk",
+        examples.TELLINGS["chunk"],
+        in_message="-start +from",
+        in_json="-start +from",
+    ),
     Contract(
         GatewaySpan,
         orchestrator_pb2.GatewaySpan.DESCRIPTOR,
@@ -147,6 +158,10 @@ def changed(names: set[str], changes: str) -> set[str]:
     return names
 
 
+def _write(default: float | bool) -> str:
+    return str(default).lower() if isinstance(default, bool) else f"{default:g}"
+
+
 def shared_fields(contract: Contract) -> Iterator[tuple[ContractField, str]]:
     """The fields that the message has too, with their names there."""
     for field in contract_fields(contract.owner):
@@ -186,7 +201,7 @@ def test_a_field_has_the_same_words_and_default_in_every_form(
         optional = has_presence and isinstance(field.default, float | int)
         if isinstance(field.default, float | int) and field.default != 0:
             assert has_presence, f"{name} = 0 and {name} left out would be the same"
-        assert default == (f"{field.default:g}." if optional else "")
+        assert default == (f"{_write(field.default)}." if optional else "")
         if field.name in properties:
             assert properties[field.name]["description"].casefold() == field.description.casefold()
 

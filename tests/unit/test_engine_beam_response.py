@@ -172,3 +172,27 @@ def test_a_thin_beam_has_no_hypotheses() -> None:
 def is_problem_wide(half_angle: float) -> bool:
     model = camera_model.build(World((Box.standing((0.10, 0.08, TOP)),)).scene())
     return build_problem(model, [], Prior(), Sensor(beam_half_angle=half_angle)).wide
+
+
+@settings(max_examples=40)
+@given(st.floats(0.015, 0.04), st.floats(-0.02, 0.02), st.sampled_from([1.0, -1.0]))
+def test_a_sideways_module_reads_the_wall_beside_it(block: CameraModel, away: float, y: float, side: float) -> None:
+    answer = seen(block, (side * (0.05 + away), y, 0.75 * TOP), (-side, 0.0, 0.0))
+    np.testing.assert_allclose(answer.by_length(answer.means)[:, -1], away, atol=0.006)
+
+
+def test_a_sideways_module_above_everything_reads_nothing_near(block: CameraModel) -> None:
+    answer = seen(block, (0.08, 0.0, TOP + 0.06), (-1.0, 0.0, 0.0))
+    assert (answer.means > 0.1).all()
+
+
+@settings(max_examples=40)
+@given(st.floats(0.0, 2 * np.pi), st.floats(0.1, 0.75))
+def test_over_a_flat_table_a_slanted_module_reads_more_the_more_it_slants(
+    block: CameraModel, about: float, slant: float
+) -> None:
+    def read(by: float) -> Array:
+        down = (np.sin(by) * np.cos(about), np.sin(by) * np.sin(about), -np.cos(by))
+        return seen(block, (0.0, -0.25, 0.04), (float(down[0]), float(down[1]), float(down[2]))).means
+
+    assert (read(slant) > read(0.0)).all()

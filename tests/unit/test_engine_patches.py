@@ -1,13 +1,18 @@
 """The effective number of samples that share an error is bounded, however the samples are split."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pretouch_registrar.engines.patches import SharedError, compute_sample_weights, find_patches
+from pretouch_registrar.engines.camera_noise import CameraNoise
+from pretouch_registrar.engines.patches import Patches, SharedError, compute_sample_weights, find_patches, group_samples
+from pretouch_registrar.engines.registration_problem import compute_shared_error
 
-from pretouch.geometry import Array
+from pretouch.geometry import Array, Pose
+from pretouch.tof import Sensor
 
 errors = st.builds(
     SharedError,
@@ -60,6 +65,19 @@ def test_all_samples_of_a_patch_weigh_the_same_and_their_sum_is_the_effective_nu
         assert np.ptp(weights[returned][(cells == cell).all(axis=1)]) == 0
 
 
+def weigh(
+    points: Array,
+    directions: Array,
+    returned: NDArray[np.bool_],
+    error: SharedError,
+    earlier: Patches | None = None,
+    each: float = 1.0,
+) -> Array:
+    """The weights of all samples, each of which stands for `each`, after the earlier ones."""
+    every = np.ones((1, len(points)), dtype=bool)
+    return group_samples(points, directions, returned, error, earlier).weigh(every, error, np.array([each]))[0]
+
+
 @given(seeds, st.integers(2, 300), errors)
 def test_weights_go_with_the_samples_whatever_their_order(seed: int, count: int, error: SharedError) -> None:
     points, directions, returned = samples(seed, count)
@@ -74,7 +92,7 @@ def test_a_scan_in_two_parts_tells_as_much_as_in_one(seed: int, count: int, shar
     first, then = slice(0, round(share * count)), slice(round(share * count), None)
     known = find_patches(points[first], directions[first], returned[first], error)
     before = compute_sample_weights(points[first], directions[first], returned[first], error)
-    gain = compute_sample_weights(points[then], directions[then], returned[then], error, earlier=known)
+    gain = weigh(points[then], directions[then], returned[then], error, known)
     alone = compute_sample_weights(points[then], directions[then], returned[then], error)
     assert before.sum() + gain.sum() == pytest.approx(compute_sample_weights(points, directions, returned, error).sum())
     assert (gain <= alone + 1e-12).all()
@@ -88,15 +106,15 @@ def test_the_same_samples_again_tell_less_and_elsewhere_as_much_as_ever(
     points, directions, returned = samples(seed, count)
     known = find_patches(points, directions, returned, error)
     once = compute_sample_weights(points, directions, returned, error)
-    again = compute_sample_weights(points, directions, returned, error, earlier=known)
+    again = weigh(points, directions, returned, error, known)
     assert (again < once).all()
     away = points + np.array([40 * error.patch, 0.0, 0.0])
     np.testing.assert_allclose(
-        compute_sample_weights(away, directions, returned, error, earlier=known),
+        weigh(away, directions, returned, error, known),
         compute_sample_weights(away, directions, returned, error),
     )
     none = find_patches(points[:0], directions[:0], returned[:0], error)
-    np.testing.assert_array_equal(compute_sample_weights(points, directions, returned, error, earlier=none), once)
+    np.testing.assert_array_equal(weigh(points, directions, returned, error, none), once)
 
 
 @given(seeds, st.integers(1, 60), st.integers(1, 9), errors)
@@ -105,7 +123,7 @@ def test_a_sample_that_stands_for_several_counts_as_they_would(
 ) -> None:
     points, directions, returned = samples(seed, count)
     repeated = [np.repeat(values, each, axis=0) for values in (points, directions, returned)]
-    standing = compute_sample_weights(points, directions, returned, error, each=each)
+    standing = weigh(points, directions, returned, error, each=each)
     assert standing.sum() == pytest.approx(compute_sample_weights(*repeated, error).sum())
 
 
@@ -121,3 +139,10 @@ def test_no_samples_weigh_nothing() -> None:
     none, error = np.zeros((0, 3)), SharedError(0.001, 0.001, 0.01)
     assert compute_sample_weights(none, none, np.zeros(0, dtype=bool), error).shape == (0,)
     assert find_patches(none, none, np.zeros(0, dtype=bool), error).counts.sum() == 0
+
+
+def test_samples_of_several_modules_share_more_than_those_of_one() -> None:
+    one, camera = Sensor(), CameraNoise(pixel=0.001, patch=0.0005)
+    several = replace(one, tip_T_module=(Pose.identity(),) * 2)
+    assert compute_shared_error(several, camera).common > compute_shared_error(one, camera).common
+    assert compute_shared_error(several, camera).own == compute_shared_error(one, camera).own

@@ -6,6 +6,7 @@ import pkgutil
 import numpy as np
 import pretouch_registrar
 import pytest
+from helpers.predictions import predict_errors
 from helpers.scenes import KINECT, Box, World
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
@@ -41,5 +42,5 @@ def test_the_first_request_compiles_nothing(engine: Engine) -> None:
     path = Trajectory(np.array([0.0, 1.6, 3.4]), tip)
     scan = world.scanned(path, Sensor(), np.random.default_rng(0)).beams(Sensor())
     REGISTRAR.register(scene, [scan], Settings(engine=engine))
-    REGISTRAR.predict(scene, [scan], Settings(engine=engine), [path])
+    predict_errors(REGISTRAR, scene, [scan], Settings(engine=engine), [path])
     assert compiled() == before

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from helpers.arm_sdks import START, Checked, FakeFranka, FakeGateway, FakeUr, FakeXArm, check_call
 
+from pretouch.errors import Unavailable
 from pretouch.geometry import Array, Pose
 from pretouch.session import GatewaySpan, ScanPlan, Skipped
 from pretouch.trajectory import Trajectory
@@ -26,7 +27,7 @@ def plan() -> ScanPlan:
     """4 cm along x, in 0.4 s."""
     turned = TILTED @ Pose.from_rotation_vector([0, 0, 0.7], [0, 0, 0]).rotation
     poses = [Pose.of(turned, [x, 0.05, 0.06]).matrix for x in (0.50, 0.52, 0.54)]
-    return ScanPlan("scan-1", "region-1", Trajectory(np.array([0.0, 0.2, 0.4]), np.stack(poses)))
+    return ScanPlan("scan-1", "line-1", None, Trajectory(np.array([0.0, 0.2, 0.4]), np.stack(poses)), 1.0)
 
 
 def ur(monkeypatch: pytest.MonkeyPatch) -> tuple[ModuleType, FakeUr]:
@@ -65,6 +66,11 @@ def _constructor(real: type, arm: Any) -> Any:
     return construct
 
 
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pretouch.client.guard.SILENCE", 30.0)
+
+
 ARMS = pytest.mark.parametrize("arm_of", [ur, xarm, franka])
 
 
@@ -88,6 +94,8 @@ def test_the_tip_follows_the_plan_and_the_gateway_is_told_where_it_is(
     assert "servo" in arm.motions
     times, tips = np.array([t for t, _ in gateway.told]), np.array([pose for _, pose in gateway.told])
     assert (np.diff(times) > 0).all()
+    assert tips[0, 2, 3] > 0.15  # on the way down
+    tips = tips[tips[:, 2, 3] < 0.06 + 1e-6]
     np.testing.assert_allclose(
         tips[:, :3, :3], np.broadcast_to(path.base_T_tip[0, :3, :3], (len(tips), 3, 3)), atol=1e-6
     )
@@ -99,6 +107,33 @@ def test_the_tip_follows_the_plan_and_the_gateway_is_told_where_it_is(
     assert tip[2, 3] == pytest.approx(example.TRAVEL_HEIGHT)
     arm_to_last = tip[:3, 3] - path.base_T_tip[-1, :3, 3]
     np.testing.assert_allclose(np.cross(arm_to_last, tip[:3, 2]), 0, atol=1e-2)
+
+
+@ARMS
+def test_the_tip_is_lifted_over_what_the_plan_did_not_expect(monkeypatch: pytest.MonkeyPatch, arm_of: Any) -> None:
+    example, _ = arm_of(monkeypatch)
+    gateway = FakeGateway(ground=0.055)
+    assert isinstance(example.scan(example.Robot("192.0.2.1"), gateway, plan()), GatewaySpan)
+    tips = np.array([pose for _, pose in gateway.told])
+    assert tips[:, 2, 3].min() > gateway.ground
+    assert tips[-1, 2, 3] > gateway.ground + 0.02
+    assert tips[-1, 0, 3] > 0.53
+
+
+@ARMS
+def test_a_finger_that_is_not_heard_stops_the_scan_with_its_tip_lifted(
+    monkeypatch: pytest.MonkeyPatch, arm_of: Any
+) -> None:
+    class Deaf(FakeGateway):
+        def StreamPoints(self, requests: Any) -> Any:
+            for _ in super().StreamPoints(requests):
+                yield from ()
+
+    example, arm = arm_of(monkeypatch)
+    monkeypatch.setattr("pretouch.client.guard.SILENCE", 0.1)
+    with pytest.raises(Unavailable, match="not heard"):
+        example.scan(example.Robot("192.0.2.1"), Deaf(), plan())
+    assert (arm.flange @ tip_offset(example))[2, 3] == pytest.approx(example.TRAVEL_HEIGHT)
 
 
 @ARMS
@@ -123,7 +158,7 @@ def test_an_xarm_is_asked_for_the_flange_poses_of_the_plan(monkeypatch: pytest.M
     example, arm = xarm(monkeypatch)
     example.scan(example.Robot("192.0.2.1"), FakeGateway(), plan())
     flanges = plan().path.base_T_tip @ np.linalg.inv(tip_offset(example))
-    np.testing.assert_allclose(arm.asked[1:4], flanges, atol=1e-9)
+    np.testing.assert_allclose(arm.asked[2:5], flanges, atol=1e-9)
     assert arm.motions.count("move") == 3
 
 

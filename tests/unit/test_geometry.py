@@ -103,10 +103,11 @@ def test_half_a_turn_leaves_a_rectangle_as_it_is(rectangle: RotatedRectangle) ->
     np.testing.assert_allclose(np.abs(turned.distance(rectangle.corners())), 0, atol=1e-6)
 
 
-@given(st.lists(poses, min_size=2, max_size=6), st.floats(0.05, 1))
-def test_the_beginning_of_a_path_is_the_same_path_up_to_there(some: list[Pose], share: float) -> None:
-    path = Trajectory(np.arange(len(some)) * 0.5, np.stack([pose.matrix for pose in some]))
-    first = path.beginning(share)
-    assert first.duration == pytest.approx(share * path.duration)
-    times = np.linspace(0, first.t[-1], 7)
-    np.testing.assert_allclose(first.at(times)[:, :3, 3], path.at(times)[:, :3, 3], atol=1e-6)
+@given(st.lists(poses, min_size=2, max_size=6), st.floats(0, 1), st.floats(0, 1))
+def test_a_piece_of_a_path_is_at_the_same_place_at_the_same_time(some: list[Pose], one: float, other: float) -> None:
+    path = Trajectory(1.0 + np.arange(len(some)) * 0.5, np.stack([pose.matrix for pose in some]))
+    start, end = 1.0 + path.duration * min(one, other), 1.0 + path.duration * max(one, other)
+    piece = path.between(start, end)
+    assert (piece.t[0], piece.t[-1]) == (start, end)
+    times = np.linspace(start, end, 7)
+    np.testing.assert_allclose(piece.at(times)[:, :3, 3], path.at(times)[:, :3, 3], atol=1e-6)

@@ -68,8 +68,7 @@ def test_a_new_session_waits_for_its_first_scan_with_the_prior_as_its_estimate()
     assert record.next_scan.path.t[0] == 0
     assert record.estimate.base_T_correction.is_close(Pose.identity())
     assert all(region.expected_error < record.estimate.expected_error for region in record.regions)
-    chosen = next(region for region in record.regions if region.id == record.next_scan.region_id)
-    assert chosen.expected_error < record.estimate.expected_error
+    assert record.next_scan.expected_returns == 1.0
 
 
 def test_services_see_the_object_and_its_surroundings_only_and_regions_are_in_the_clients_pixels() -> None:
@@ -115,7 +114,7 @@ def test_the_object_is_found_when_no_mask_is_sent() -> None:
 )
 def test_no_scan_is_planned_beyond_a_budget(budget: Budget, spent: str) -> None:
     loop = Loop(RandomDetector(), FormulaRegistrar(gain=1e-4))
-    record = run(loop, asked(budget=budget))
+    record = run(loop, asked(budget=budget, planner=Planner.CONFIDENCE))
     assert record.state is State.EXHAUSTED
     assert record.budget_used.scans <= budget.scans
     assert record.budget_used.seconds <= budget.seconds
@@ -124,10 +123,17 @@ def test_no_scan_is_planned_beyond_a_budget(budget: Budget, spent: str) -> None:
     assert record.reason["type"] == f"urn:pretouch:problem:{spent}"
 
 
-def test_a_session_with_nothing_to_scan_is_exhausted_at_once() -> None:
-    record = opened(Loop(RandomDetector(count=0), FormulaRegistrar()), asked())
+def test_without_a_region_the_confidence_planner_has_nothing_to_scan() -> None:
+    record = opened(Loop(RandomDetector(count=0), FormulaRegistrar()), asked(planner=Planner.CONFIDENCE))
     assert record.state is State.EXHAUSTED
     assert record.next_scan is None
+
+
+def test_without_a_region_lines_across_the_object_are_scanned() -> None:
+    record = run(Loop(RandomDetector(count=0), FormulaRegistrar()), asked())
+    assert record.state is State.CONVERGED
+    assert {scan.path_id[:5] for scan in record.scans} == {"line-"}
+    assert {scan.region_id for scan in record.scans} == {None}
 
 
 def test_a_session_whose_prior_is_good_enough_has_converged_at_once() -> None:
@@ -180,17 +186,21 @@ def test_a_scan_that_took_longer_than_planned_costs_what_it_took() -> None:
     assert record.budget_used.seconds == record.scans[0].duration == 60.0
 
 
-def test_a_skipped_scan_neither_counts_nor_changes_the_estimate_and_its_region_is_not_planned_again() -> None:
+@pytest.mark.parametrize("planner", list(Planner))
+def test_a_skipped_scan_neither_counts_nor_changes_the_estimate_and_its_path_is_not_planned_again(
+    planner: Planner,
+) -> None:
     loop = Loop(RandomDetector(count=4), FormulaRegistrar())
-    record = opened(loop, asked())
+    record = opened(loop, asked(planner=planner))
     first = record
     tried = []
     while not record.state.ended:
         assert record.next_scan is not None
-        tried.append(record.next_scan.region_id)
+        tried.append(record.next_scan.path_id)
         record = answer(loop, record, Skipped(samples_of(record)))
     assert record.state is State.EXHAUSTED
-    assert sorted(tried) == sorted(region.id for region in record.regions)
+    assert len(set(tried)) == len(tried)
+    assert {region.id for region in record.regions} <= set(tried)
     assert record.budget_used == first.budget_used
     assert record.estimate is first.estimate
     assert record.scans == record.measured == ()
@@ -221,8 +231,17 @@ def test_a_registrar_that_is_away_leaves_the_session_as_it_was() -> None:
     assert answer(loop, record, samples_of(record)).budget_used.scans == 1
 
 
+def test_a_path_of_which_nothing_returned_is_not_planned_again() -> None:
+    loop = Loop(RandomDetector(count=2), FormulaRegistrar())
+    record = opened(loop, asked())
+    for _ in range(6):
+        assert record.next_scan is not None
+        assert record.next_scan.path_id not in {scan.path_id for scan in record.scans}
+        record = answer(loop, record, misses(30))
+
+
 def test_scan_ids_unknown_answered_and_late() -> None:
-    loop = Loop(RandomDetector(), FormulaRegistrar())
+    loop = Loop(RandomDetector(), FormulaRegistrar(gain=1e-3))
     record = opened(loop, asked())
     first = record.next_scan
     assert first is not None
@@ -259,6 +278,6 @@ def test_a_fault_ends_a_session_with_its_reason_and_an_end_is_final() -> None:
 def test_the_same_request_gives_the_same_session() -> None:
     loop = Loop(RandomDetector(), FormulaRegistrar())
     a, b = (run(loop, asked()) for _ in range(2))
-    assert [scan.region_id for scan in a.scans] == [scan.region_id for scan in b.scans]
+    assert [scan.path_id for scan in a.scans] == [scan.path_id for scan in b.scans]
     assert a.estimate.expected_error == b.estimate.expected_error
     assert a.budget_used == b.budget_used

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.loop_fakes import FormulaRegistrar, RandomDetector, answer, asked, misses, opened, samples_of
 from pretouch_orchestrator.sessions.endings import end_session
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
 
-from pretouch.session import Budget, Skipped, State, Tolerance
+from pretouch.client import Reflex
+from pretouch.session import Budget, Planner, ScanSettings, Skipped, State, Tolerance
+from pretouch.trajectory import Trajectory
 
 STUCK = "All 96 ranges are 31.2 mm: the sensor is stuck."
 SURE = 10.0
@@ -96,6 +100,21 @@ def test_a_session_that_got_nothing_back_was_out_of_range() -> None:
     assert "100 mm" in reason["detail"]
 
 
+def test_a_robot_whose_reflex_lifts_the_tip_off_every_path_is_sent_elsewhere_until_the_session_ends() -> None:
+    loop = Loop(RandomDetector(4), FormulaRegistrar())
+    record = opened(loop, asked(scan=ScanSettings(guarded=True)))
+    paths: list[Trajectory] = []
+    while record.next_scan is not None:
+        path = record.next_scan.path
+        assert not any(np.array_equal(path.base_T_tip, other.base_T_tip) for other in paths)
+        paths.append(path)
+        reflex, tips = Reflex(lift=0.1), path.sampled(30.0)
+        lifted = np.stack([reflex.raise_tip(pose) for pose in tips.base_T_tip])
+        record = answer(loop, record, replace(misses(len(tips.t)), t=tips.t, base_T_tip=lifted))
+    assert 2 <= len(paths) == len(record.scans) <= record.request.budget.scans
+    assert exhausted(record)["type"].endswith(":out-of-range")
+
+
 def test_one_return_is_enough_to_be_within_range() -> None:
     loop = Loop(RandomDetector(), FormulaRegistrar(1e-9))
     record = answer(loop, opened(loop, asked(budget=Budget(scans=2))), misses(30))
@@ -144,17 +163,17 @@ def test_a_budget_that_is_spent_is_named_with_its_numbers(
 
 def test_a_session_that_has_no_region_left_has_nothing_to_gain() -> None:
     loop = Loop(RandomDetector(count=3), FormulaRegistrar(1e-9))
-    record = opened(loop, asked(budget=Budget(20, 1e5, 1.0)))
+    record = opened(loop, asked(budget=Budget(20, 1e5, 1.0), planner=Planner.CONFIDENCE))
     record = answer(loop, record, Skipped())
     while not record.state.ended:
         record = scan(loop, record)
     reason = exhausted(record)
     assert reason["type"].endswith(":nothing-to-gain")
-    assert f"Of 3 regions the finger scanned {len(record.scans)} and could not reach 1;" in reason["detail"]
+    assert "After 2 scans, and 1 path that the finger could not reach, no further scan" in reason["detail"]
 
 
 def test_an_end_keeps_its_reason() -> None:
     loop = Loop(RandomDetector(count=0), FormulaRegistrar())
-    record = opened(loop, asked())
+    record = opened(loop, asked(planner=Planner.CONFIDENCE))
     assert exhausted(record)["type"].endswith(":nothing-to-gain")
     assert end_session(record, State.CANCELLED) is record

@@ -45,7 +45,7 @@ class SessionMachine(RuleBasedStateMachine):
 
     def note(self) -> None:
         if self.record.next_scan is not None:
-            self.planned.append(self.record.next_scan.region_id)
+            self.planned.append(self.record.next_scan.path_id)
 
     def step(self, submission: RangeSamples | Points | Skipped) -> None:
         before = self.record
@@ -129,8 +129,11 @@ class SessionMachine(RuleBasedStateMachine):
         assert spent.fraction <= budget.fraction + 0.05
 
     @invariant()
-    def no_region_is_planned_twice(self) -> None:
-        assert len(set(self.planned)) == len(self.planned)
+    def no_skipped_path_is_planned_again_and_by_confidence_none_at_all(self) -> None:
+        if self.record.next_scan is not None:
+            assert self.record.next_scan.path_id not in self.record.skipped
+        if self.record.request.planner is Planner.CONFIDENCE:
+            assert len(set(self.planned)) == len(self.planned)
 
     @invariant()
     def books_balance(self) -> None:

@@ -20,6 +20,7 @@ OPERATIONS = {
     "cancel_session": "DELETE /v1/sessions/{session_id}",
     "get_next_scan": "GET /v1/sessions/{session_id}/next-scan",
     "submit_scan": "POST /v1/sessions/{session_id}/scans/{scan_id}",
+    "tell_samples": "POST /v1/sessions/{session_id}/scans/{scan_id}/samples",
     "stream_events": "GET /v1/sessions/{session_id}/events",
     "get_health": "GET /healthz",
     "get_readiness": "GET /readyz",

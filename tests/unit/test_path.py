@@ -8,7 +8,6 @@ from helpers.scenes import KINECT, Box, View, World, looking
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_orchestrator.planning.path import plan_paths
-from pretouch_orchestrator.planning.tip_floor import Margins
 from scipy.spatial import KDTree
 
 from pretouch.camera import DepthImage
@@ -241,17 +240,17 @@ def test_a_rectangle_that_would_scan_nothing_of_the_object_has_no_path(box: Rota
     assert plan_paths(scene, [box], estimate, ScanSettings()) == [None]
 
 
-def test_smaller_margins_plan_a_lower_tip_that_still_keeps_the_standoff() -> None:
+def test_a_guarded_scan_is_planned_lower_and_still_keeps_the_standoff() -> None:
     scene = World((Box.standing((0.08, 0.08, 0.05)),)).scene()
     estimate = from_prior(Prior(), scene.cloud)
     box = rectangle_over(scene, 0.5, 0.5, 0.5, 0.5, 0.0)
     heights = []
-    for margins in (Margins(), Margins(1.0, 1.0, 0.010), Margins(0.0, 0.0, 0.0)):
-        (path,) = plan_paths(scene, [box], estimate, ScanSettings(), margins)
+    for guarded in (False, True):
+        (path,) = plan_paths(scene, [box], estimate, ScanSettings(guarded=guarded))
         assert path is not None
         heights.append(float(path.base_T_tip[:, 2, 3].max()))
     assert heights[0] > heights[1] + 0.005
-    assert heights[1] >= heights[2] >= 0.05 + ScanSettings().standoff - 0.002
+    assert heights[1] >= 0.05 + ScanSettings().standoff - 0.002
 
 
 def test_paths_are_planned_for_the_widest_prior_and_from_a_camera_below_the_table() -> None:

@@ -2,16 +2,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.predictions import predict_errors
 from helpers.scenes import KINECT, Box, World
 from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.registration_problem import RegistrationProblem, build_problem
-from pretouch_registrar.prediction import predict_covariance
+from pretouch_registrar.prediction import predict_candidate
 from pretouch_registrar.ray_casting import cast_rays
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.camera import DepthImage
 from pretouch.estimate import Prior, point_error
+from pretouch.expected_error import compute_expected_errors
 from pretouch.geometry import Pose
+from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
@@ -52,27 +55,40 @@ def beams(path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(poses[:, :3, 3]), np.ascontiguousarray(poses[:, :3, 2])
 
 
+def cast(problem: RegistrationProblem, truths: np.ndarray, path: Trajectory, extent: float = 0.0) -> np.ndarray:
+    """The simulated ranges (t, n) of the sensor along a path."""
+    origins, directions = beams(path)
+    sets = (len(truths), *origins.shape)
+    return cast_rays(
+        problem,
+        truths,
+        np.broadcast_to(origins, sets).copy(),
+        np.broadcast_to(directions, sets).copy(),
+        np.full(len(truths), extent),
+        SENSOR.range_min,
+    )
+
+
 def left(problem: RegistrationProblem, path: Trajectory) -> np.ndarray:
-    return predict_covariance(problem, np.zeros(6), PRIOR.covariance(), path, SENSOR)
+    return predict_candidate(problem, np.zeros(6), PRIOR.covariance(), Candidate(path), SENSOR)[0].covariance
 
 
 def test_a_simulated_beam_ends_where_a_real_one_does_wherever_the_camera_saw(problem: RegistrationProblem) -> None:
     origins, directions = beams(ACROSS)
-    simulated = cast_rays(problem, np.zeros((1, 6)), origins, directions, SENSOR.range_min)[0]
+    simulated = cast(problem, np.zeros((1, 6)), ACROSS)[0]
     real = BOX.cast(origins, directions)[0]
     assert (np.abs(simulated - real) < 0.004).mean() > 0.9
     assert {True, False} == set(real < 0.05)
 
 
 def test_under_a_lifted_truth_every_beam_is_shorter_by_as_much(problem: RegistrationProblem) -> None:
-    origins, directions = beams(TOP)
-    where, lifted = cast_rays(problem, np.stack([np.zeros(6), LIFTED]), origins, directions, SENSOR.range_min)
+    where, lifted = cast(problem, np.stack([np.zeros(6), LIFTED]), TOP)
     np.testing.assert_allclose(where - lifted, 0.01, atol=0.002)
 
 
 def test_a_beam_whose_table_is_out_of_range_is_a_miss(problem: RegistrationProblem) -> None:
     high = line((-0.08, 0.09), (0.08, 0.09), height=0.12)
-    assert np.isinf(cast_rays(problem, np.zeros((1, 6)), *beams(high), SENSOR.range_min)).all()
+    assert np.isinf(cast(problem, np.zeros((1, 6)), high)).all()
 
 
 def test_a_small_hole_in_the_object_s_depth_is_not_taken_for_table() -> None:
@@ -81,8 +97,7 @@ def test_a_small_hole_in_the_object_s_depth_is_not_taken_for_table() -> None:
     assert hole.sum() > 10
     holed = replace(scene, depth=DepthImage(np.where(hole, 0, scene.depth.metres)))
     problem = build_problem(camera_model.build(holed), [], PRIOR, SENSOR)
-    origin, down = np.array([[0.0, 0.0, 0.085]]), np.array([[0.0, 0.0, -1.0]])
-    assert cast_rays(problem, np.zeros((1, 6)), origin, down, SENSOR.range_min)[0, 0] == pytest.approx(0.035, abs=0.013)
+    assert cast(problem, np.zeros((1, 6)), line((0.0, 0.0), (0.001, 0.0)))[0, 0] == pytest.approx(0.035, abs=0.013)
 
 
 def test_a_path_over_bare_table_tells_its_height_and_nothing_sideways(problem: RegistrationProblem) -> None:
@@ -111,12 +126,50 @@ def test_a_predicted_covariance_is_one(problem: RegistrationProblem) -> None:
 
 def test_the_number_of_modules_does_not_overstate_what_a_scan_tells(problem: RegistrationProblem) -> None:
     hand = replace(SENSOR, tip_T_module=(Pose.identity(),) * 3)
-    many = predict_covariance(problem, np.zeros(6), PRIOR.covariance(), ACROSS, hand)
+    many = predict_candidate(problem, np.zeros(6), PRIOR.covariance(), Candidate(ACROSS), hand)[0].covariance
     np.testing.assert_allclose(np.diag(many), np.diag(left(problem, ACROSS)), rtol=0.3)
 
 
 def test_the_same_scan_again_is_predicted_to_tell_less_than_a_new_one() -> None:
     scene = BOX.scene(KINECT, np.random.default_rng(5)).cropped(0.1)[0]
     first: list[Scan] = [BOX.scanned(ACROSS, SENSOR, np.random.default_rng(0)).beams(SENSOR)]
-    again, new = REGISTRAR.predict(scene, first, Settings(), [ACROSS, line((0.02, -0.08), (-0.03, 0.08))])
+    again, new = predict_errors(REGISTRAR, scene, first, Settings(), [ACROSS, line((0.02, -0.08), (-0.03, 0.08))])
     assert new < again
+
+
+def test_a_piece_tells_less_than_the_path_and_a_whole_span_as_much(problem: RegistrationProblem) -> None:
+    end = ACROSS.duration
+    candidate = Candidate(ACROSS, ((0.0, end), (0.0, 0.3 * end), (0.7 * end, end)))
+    arms = np.random.default_rng(0).uniform(-0.04, 0.04, (50, 3))
+    whole, *pieces = compute_expected_errors(
+        [left for left, _ in predict_candidate(problem, np.zeros(6), PRIOR.covariance(), candidate, SENSOR)], arms
+    )
+    (alone,) = compute_expected_errors(left(problem, ACROSS)[None], arms)
+    assert whole == pytest.approx(alone, rel=0.1)
+    assert (whole < 0.95 * np.array(pieces)).all()
+
+
+def test_shares_of_returns_are_those_of_the_finger_in_the_world(problem: RegistrationProblem) -> None:
+    high = line((-0.09, -0.02), (0.09, 0.03), height=0.12)
+    spans = ((0.0, 0.6), (1.2, 2.0), (0.0, high.duration))
+    predicted = predict_candidate(problem, np.zeros(6), 1e-8 * np.eye(6), Candidate(high, spans), SENSOR)
+    for (start, end), outcome in zip(spans, predicted, strict=True):
+        samples = BOX.scanned(high.between(start, end), SENSOR)
+        assert outcome.returns == pytest.approx(np.isfinite(samples.range).mean(), abs=0.12)
+
+
+def test_other_things_stop_beams_too() -> None:
+    both = World((*BOX.boxes, Box.standing((0.05, 0.05, 0.05), (0.0, 0.11))))
+    scene = both.scene(KINECT).cropped(0.12)[0]
+    high = line((0.0, 0.10), (0.0, 0.12), height=0.12)
+    problem = build_problem(camera_model.build(scene), [], PRIOR, SENSOR)
+    assert cast(problem, np.zeros((1, 6)), high)[0] == pytest.approx(0.07, abs=0.004)
+
+
+def test_hidden_places_within_the_extent_are_solid_up_to_the_line_of_sight(problem: RegistrationProblem) -> None:
+    away = BOX.scene(KINECT).base_T_camera.translation[:2]
+    behind = -away / np.linalg.norm(away) * 0.075
+    path = line(tuple(behind), tuple(behind * 1.05), height=0.085)
+    table, solid = (cast(problem, np.zeros((1, 6)), path, extent)[0] for extent in (0.0, 0.05))
+    assert (table > 0.08).all()
+    assert (solid < table - 0.01).all()

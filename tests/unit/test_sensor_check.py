@@ -217,5 +217,33 @@ def test_many_bad_modules_are_told_of_briefly() -> None:
     diagnoses = [Diagnosis(k, Fault.DEAD, f"Module {k} is dead.") for k in range(6)]
     assert summarize(diagnoses[:2]) == "Module 0 is dead. Module 1 is dead."
     assert summarize(diagnoses) == (
-        "Module 0 is dead. Module 1 is dead. Module 2 is dead. The other 3 modules measure nothing either."
+        "Module 0 is dead. Module 1 is dead. Module 2 is dead. 3 more modules measure nothing either."
     )
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.002])
+def test_a_module_that_sees_only_the_other_finger_is_named_and_the_others_are_kept(noise: float) -> None:
+    sensor = Sensor(
+        range_std=0.002, tip_T_module=(Pose.identity(), Pose.from_rotation_vector([0.0, np.pi / 2, 0.0], np.zeros(3)))
+    )
+    poses = tips(0.12, 0.09)
+    rng = np.random.default_rng(0)
+    down = samples(poses, true_ranges(SMALL, poses) + 0.002 * rng.standard_normal(N))
+    ranges = np.stack([np.where(down.range <= 0.1, down.range, np.nan), 0.015 + noise * rng.standard_normal(N)], axis=1)
+    both = samples(np.repeat(poses, 2, axis=0), ranges.ravel(), np.tile([0, 1], N))
+    (diagnosis,) = diagnose(both, sensor, SMALL_SCENE, BEFORE[id(SMALL_SCENE)])
+    assert diagnosis.module == 1
+    assert diagnosis.fault in (Fault.ROBOT, Fault.STUCK)
+    assert (noise == 0.0) == (diagnosis.fault is Fault.STUCK)
+    assert "Module 1 reads 15" in diagnosis.text
+    assert set(drop_modules(both, [1]).module) == {0}
+
+
+def test_a_sideways_module_along_a_wall_is_not_taken_for_one_that_sees_the_robot() -> None:
+    sensor = Sensor(tip_T_module=(Pose.from_rotation_vector([-np.pi / 2, 0.0, 0.0], np.zeros(3)),))
+    poses = tips(0.08, 0.03)
+    poses[:, 1, 3] = 0.13
+    ranges = 0.03 + 0.0015 * np.random.default_rng(0).standard_normal(N)
+    turned = poses @ sensor.tip_T_module[0].matrix
+    assert true_ranges(FLAT, turned) == pytest.approx(0.03, abs=1e-9)
+    assert faults(samples(poses, ranges), FLAT_SCENE, sensor) == []

@@ -8,6 +8,7 @@ from helpers.made_runs import KEY, ended, run_of
 from pretouch_simulation.evaluation_rows import Run
 from pretouch_simulation.evaluation_table import (
     Table,
+    convergence_by_scan_table,
     convergence_table,
     honesty_table,
     tabulate_by_object,
@@ -106,11 +107,27 @@ def test_convergence_tells_how_many_how_rightly_and_how_fast() -> None:
         for view, errors in enumerate([(0.002,), (0.01, 0.004), (0.01, 0.01, 0.003)])
     )
     never = ended(run_of(KEY._replace(view=3), 0.001), "exhausted")
-    line = cells(convergence_table([right, wrong, late, never, run_of(KEY._replace(view=4))], 0.003), 0)
-    assert line == {
-        **{"n": "5", "converged": "60%", "of those within 3 mm": "67%"},
-        **{"robot s median": "16.0", "p90": "22.4"},
-    }
+    runs = [right, wrong, late, never, run_of(KEY._replace(view=4))]
+    (line,) = convergence_table(runs, 0.003).lines
+    assert line == ("5", "60%", "67%", "16.0", "22.4", "19.0", "26.6", "50%")
+    by_scan = convergence_by_scan_table(runs, 0.003)
+    assert by_scan.headings == ("n", "1", "2", "3")
+    assert by_scan.lines == (("5", "20%", "40%", "60%"),)
+
+
+def test_a_setup_of_fewer_scans_keeps_its_share_of_converged_sessions() -> None:
+    short = ended(run_of(KEY, 0.002), "converged")
+    long = ended(run_of(KEY._replace(sensor="cone"), 0.01, 0.002), "converged")
+    assert convergence_by_scan_table([short, long], 0.003).lines == (
+        ("ideal", "1", "100%", "100%"),
+        ("cone", "1", "0%", "100%"),
+    )
+
+
+def test_points_have_no_share_of_returns() -> None:
+    run = run_of(KEY, 0.01)
+    points = replace(run, rows=(replace(run.rows[0], returns=None),))
+    assert convergence_table([points], 0.003).lines[0][-1] == ""
 
 
 def test_on_real_frames_the_fitted_error_and_two_millimetres_count() -> None:
@@ -121,7 +138,8 @@ def test_on_real_frames_the_fitted_error_and_two_millimetres_count() -> None:
 
 
 def test_where_nothing_converged_nothing_is_said_of_it() -> None:
-    assert convergence_table([ended(run_of(KEY, 0.001), "exhausted")], 0.003).lines == (("1", "0%", "", "", ""),)
+    (line,) = convergence_table([ended(run_of(KEY, 0.001), "exhausted")], 0.003).lines
+    assert line == ("1", "0%", "", "", "", "", "", "50%")
 
 
 def test_a_terminal_and_markdown_hold_the_same_cells() -> None:

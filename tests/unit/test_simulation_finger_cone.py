@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pretouch_simulation.finger import Finger, FingerModel, realise
+from pretouch_simulation.finger import Finger, FingerModel, measure_scan, realise
 from pretouch_simulation.fingers import cone, random
 from pretouch_simulation.fingers.cone_finger import ConeFinger
 from pretouch_simulation.fingers.cone_response import CALIBRATED_AT, ConeResponse, Estimator, Reflectances
@@ -69,7 +69,7 @@ def test_a_drawn_finger_reads_a_wall_at_five_centimetres_within_its_bias(draw: C
     for seed in range(20):
         finger = unfailing(draw(seed))
         rng = np.random.default_rng(100 + seed)
-        scans = [finger.measure(FLOOR, looking_down(0.05, 400), rng) for _ in range(3)]
+        scans = [measure_scan(finger, FLOOR, looking_down(0.05, 400), rng) for _ in range(3)]
         assert all((status == Status.OK).all() for _, status in scans)
         means = [ranges.mean() for ranges, _ in scans]
         scatter = np.hypot(finger.errors.bias, finger.errors.noise / np.sqrt(400))
@@ -121,7 +121,7 @@ def test_a_turned_boresight_looks_past_an_edge_that_the_stated_beam_would_meet()
 def test_all_ranges_of_a_scan_share_a_bias_that_the_next_scan_does_not() -> None:
     finger = unfailing(cone_finger(0))
     rng = np.random.default_rng(4)
-    scans = np.array([finger.measure(FLOOR, looking_down(0.05, 300), rng)[0] for _ in range(60)])
+    scans = np.array([measure_scan(finger, FLOOR, looking_down(0.05, 300), rng)[0] for _ in range(60)])
     halves = scans[:, :150].mean(axis=1), scans[:, 150:].mean(axis=1)
     assert np.corrcoef(*halves)[0, 1] > 0.9
     assert scans.mean(axis=1).std() == pytest.approx(finger.errors.bias, rel=0.3)
@@ -131,7 +131,7 @@ def test_all_ranges_of_a_scan_share_a_bias_that_the_next_scan_does_not() -> None
 def test_a_dark_target_returns_less() -> None:
     def returned(reflectance: float) -> float:
         finger = replace(cone_finger(1), reflectances=Reflectances(table=reflectance))
-        ranges, status = finger.measure(FLOOR, looking_down(0.08, 500), np.random.default_rng(0))
+        ranges, status = measure_scan(finger, FLOOR, looking_down(0.08, 500), np.random.default_rng(0))
         assert np.isnan(ranges[status != Status.OK]).all()
         if reflectance < 0.1:
             assert (status[np.isnan(ranges)] == Status.NO_TARGET).all()
@@ -155,7 +155,7 @@ def test_more_bodies_than_reflectances_take_them_over_again() -> None:
 def test_too_near_underflows() -> None:
     finger = unfailing(random_finger(3))
     near = looking_down(finger.errors.least_range - 0.003, 200)
-    ranges, status = finger.measure(FLOOR, near, np.random.default_rng(0))
+    ranges, status = measure_scan(finger, FLOOR, near, np.random.default_rng(0))
     assert (status == Status.RANGE_UNDERFLOW).all()
     assert np.isnan(ranges).all()
 
@@ -163,7 +163,7 @@ def test_too_near_underflows() -> None:
 def test_flags_and_outliers_come_as_often_as_they_should() -> None:
     finger = cone_finger(2)
     finger = replace(finger, reflectances=WHITE, errors=replace(finger.errors, flagged=0.03, outliers=0.05))
-    ranges, status = finger.measure(FLOOR, looking_down(0.04, 20_000), np.random.default_rng(5))
+    ranges, status = measure_scan(finger, FLOOR, looking_down(0.04, 20_000), np.random.default_rng(5))
     flagged = np.isin(status, [Status.SNR, Status.EARLY_CONVERGENCE])
     assert flagged.mean() == pytest.approx(0.03, abs=0.005)
     assert set(status[flagged]) == {Status.SNR, Status.EARLY_CONVERGENCE}

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from pretouch_simulation.finger import Finger, FingerModel, realise
+from pretouch_simulation.finger import Finger, FingerModel, measure_scan, realise
 from pretouch_simulation.fingers.faults import (
     make_dead_finger,
     make_millimetre_finger,
@@ -26,7 +26,7 @@ POSES[:, 2, 3] = 0.05
 
 
 def measured(finger: Finger) -> tuple[np.ndarray, np.ndarray]:
-    return finger.measure(FLOOR, POSES, np.random.default_rng(3))
+    return measure_scan(finger, FLOOR, POSES, np.random.default_rng(3))
 
 
 @pytest.mark.parametrize("fault", [make_stuck_finger, make_dead_finger, make_noise_finger, make_millimetre_finger])
@@ -36,7 +36,7 @@ def test_a_broken_finger_states_the_sound_ones_sensor(fault: Callable[[Finger], 
 
 def test_a_stuck_finger_always_reports_the_same_even_where_nothing_is() -> None:
     nothing = World([], Plane(np.array([0.0, 0.0, 1.0]), -5.0))
-    ranges, status = make_stuck_finger(SOUND, at=0.04).measure(nothing, POSES, np.random.default_rng(0))
+    ranges, status = measure_scan(make_stuck_finger(SOUND, at=0.04), nothing, POSES, np.random.default_rng(0))
     assert (ranges == 0.04).all()
     assert (status == Status.OK).all()
 

@@ -36,7 +36,9 @@ def recorded(case: Case, scans: int) -> Recording:
     for k in range(scans + 1):
         correction = Pose.of(np.eye(3), (1 - 0.5**k) * (case.truth.apply(before.centroid) - before.centroid))
         estimate = replace(before, base_T_correction=correction, modes=(), expected_error=before.expected_error / 2**k)
-        summaries = tuple(ScanSummary(f"scan-{j}", f"region-{j}", 90, 80, 0.3, 6.0, 0.01) for j in range(k))
+        summaries = tuple(
+            ScanSummary(f"scan-{j}", f"region-{j}", f"region-{j}", 90, 80, 0.3, 6.0, 0.01) for j in range(k)
+        )
         state = State.CONVERGED if k == scans else State.AWAITING_SCAN
         used = BudgetUsed(k, 6.0 * k, 0.07 * k)
         recording.states.append(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.predictions import predict_errors
 from helpers.scenes import KINECT, Box, View, World, looking
 from pretouch_detector.proposals import propose
 from pretouch_detector.proposals.information import predict_errors_after_scans
@@ -111,6 +112,6 @@ def test_it_ranks_much_as_the_registrar_predicts() -> None:
     boxes = [r.rectangle for r in propose(scene, Proposer.RANDOM, Sensor(), 40, 3).regions]
     paths = plan_paths(scene, boxes, from_prior(Prior(), scene.cloud), ScanSettings())
     there = [k for k, path in enumerate(paths) if path is not None]
-    predicted = REGISTRAR.predict(scene, [], Settings(), [path for path in paths if path is not None])
+    predicted = predict_errors(REGISTRAR, scene, [], Settings(), [path for path in paths if path is not None])
     own = left(scene, *(RotatedRectangle.as_list(boxes[k]) for k in there))
     assert spearmanr(own, predicted)[0] > 0.5

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.records import a_record, after_a_scan
+from helpers.records import a_record, after_a_scan, after_telling
 from pretouch_orchestrator.store.protocol import Event, KeyedRequest, NewEvent
 from pretouch_orchestrator.store.sqlite import FILE_NAME, SqliteStore, load_migrations, open_store
 
@@ -47,6 +47,26 @@ async def test_a_record_comes_back_to_the_bit_from_a_reopened_store(tmp_path: Pa
     async with open_store(tmp_path) as store:
         assert same(await store.load_record("one"), record)
         assert json.session_to_json(await store.load_session("one")) == json.session_to_json(record.to_session())
+
+
+async def test_told_samples_come_back_to_the_bit_until_their_scan_is_closed(tmp_path: Path) -> None:
+    record = a_record()
+    async with open_store(tmp_path) as store:
+        await store.create(record, [], None)
+        for count in (3, 1):
+            record = after_telling(record, count)
+            await store.update(record, [])
+    async with open_store(tmp_path) as store:
+        assert same(await store.load_record("one"), record)
+        record = after_telling(record)
+        await store.update(record, [])
+        assert same(await store.load_record("one"), record)
+        closed = after_a_scan(record)
+        await store.update(closed, [])
+        assert same(await store.load_record("one"), closed)
+        told_anew = after_telling(closed, 2)
+        await store.update(told_anew, [])
+        assert same(await store.load_record("one"), told_anew)
 
 
 async def test_a_session_from_before_modes_and_fit_reads_as_one_with_a_single_mode_that_fits(tmp_path: Path) -> None:

@@ -88,6 +88,8 @@ def test_a_number_that_is_not_finite_is_malformed(path: str, value: float) -> No
         ("sensor.tip_T_module", [_POSE, None], r"sensor.tip_T_module\[1\] is null"),
         ("scan.standoff", 0.5, "scan.standoff"),
         ("scan.speed", 5e-324, "scan.speed"),
+        ("scan.guarded", 1, "scan.guarded is a number, not a boolean"),
+        ("scan.guarded", "true", "scan.guarded is a string, not a boolean"),
         ("proposer", "best", "proposer is 'best'"),
         ("proposer", None, "proposer is null"),
         ("planner", 3, "planner is a number"),
@@ -123,7 +125,6 @@ def test_a_whole_number_may_be_written_with_a_point() -> None:
     [
         ({}, InvalidInput, "none of"),
         ({"samples": [_SAMPLE], "points": [[0, 0, 0]]}, InvalidInput, "samples, points"),
-        ({"samples": []}, InvalidInput, "samples is empty"),
         ({"points": []}, InvalidInput, "points is empty"),
         ({"samples": None}, InvalidInput, "samples is null"),
         ({"samples": [None]}, InvalidInput, r"samples\[0\] is null"),

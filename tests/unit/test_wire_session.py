@@ -26,7 +26,9 @@ from pretouch.session import (
     Points,
     Proposer,
     Region,
+    SampleChunk,
     ScanPlan,
+    ScanProgress,
     ScanSettings,
     ScanSummary,
     Session,
@@ -34,6 +36,7 @@ from pretouch.session import (
     Skipped,
     State,
     Submission,
+    Telling,
     Tolerance,
 )
 from pretouch.tof import MAX_SAMPLES, RangeSamples, Sensor
@@ -45,12 +48,16 @@ from pretouch.wire.common import estimate_from_proto, estimate_to_proto
 from pretouch.wire.json import (
     estimate_from_json,
     estimate_to_json,
+    progress_from_json,
+    progress_to_json,
     request_from_json,
     request_to_json,
     session_from_json,
     session_to_json,
     submission_from_json,
     submission_to_json,
+    telling_from_json,
+    telling_to_json,
 )
 from pretouch.wire.reader import Members
 
@@ -84,7 +91,7 @@ requests = st.builds(
         rate=st.floats(0.1, 10_000),
         tip_T_module=st.lists(poses, min_size=1, max_size=3).map(tuple),
     ),
-    scan=st.builds(ScanSettings, st.floats(0.02, 0.09), st.floats(0.001, 10)),
+    scan=st.builds(ScanSettings, st.floats(0.02, 0.09), st.floats(0.001, 10), st.booleans()),
     proposer=st.none() | st.sampled_from(Proposer),
     planner=st.sampled_from(Planner),
 )
@@ -113,7 +120,7 @@ def plans(draw: st.DrawFn) -> ScanPlan:
     count = draw(st.integers(1, 4))
     steps = draw(arrays(np.float64, count, elements=st.floats(0.01, 5)))
     path = Trajectory(np.cumsum(steps) - steps[0], draw(tip_poses(count)))
-    return ScanPlan(draw(names), draw(names), path)
+    return ScanPlan(draw(names), draw(names), draw(st.none() | names), path, draw(st.floats(0, 1)))
 
 
 counts = st.integers(0, 10_000)
@@ -151,7 +158,9 @@ sessions = st.builds(
     regions=st.lists(st.builds(Region, names, rectangles, shares, shares), max_size=2).map(tuple),
     estimate=estimates,
     next_scan=st.none() | plans(),
-    scans=st.lists(st.builds(ScanSummary, names, names, counts, counts, shares, shares, shares), max_size=2).map(tuple),
+    scans=st.lists(
+        st.builds(ScanSummary, names, names, st.none() | names, counts, counts, shares, shares, shares), max_size=2
+    ).map(tuple),
     budget_used=st.builds(BudgetUsed, counts, shares, shares),
     base_T_object=st.none() | poses,
     reason=st.none() | st.just({"type": "urn:pretouch:problem:internal", "status": 500, "detail": "x"}),
@@ -161,6 +170,11 @@ submissions = st.one_of(
     st.builds(Points, arrays(np.float64, st.tuples(st.integers(1, 4), st.just(3)), elements=numbers)),
     st.builds(GatewaySpan, names, st.floats(0, 10), st.floats(11, 20)),
     st.builds(Skipped, st.none() | range_samples()),
+)
+
+tellings = st.one_of(
+    st.builds(SampleChunk, counts, range_samples() | st.just(RangeSamples.concatenate([]))),
+    st.builds(GatewaySpan, names, st.floats(0, 10), st.floats(11, 20)),
 )
 
 
@@ -247,6 +261,28 @@ def test_both_wires_give_a_submission_back(submission: Submission) -> None:
     assert (packed.session_id, packed.scan_id) == ("s", "c")
     assert same(submission, proto.submission_from_proto(packed))
     assert same(submission, submission_from_json(through_json(submission_to_json(submission))))
+
+
+@settings(max_examples=60)
+@given(tellings)
+def test_both_wires_give_samples_of_a_scan_under_way_back(telling: Telling) -> None:
+    packed = pb.TellSamplesRequest.FromString(proto.telling_to_proto("s", "c", telling).SerializeToString())
+    assert (packed.session_id, packed.scan_id) == ("s", "c")
+    assert same(telling, proto.telling_from_proto(packed))
+    assert same(telling, telling_from_json(through_json(telling_to_json(telling))))
+
+
+@given(st.builds(ScanProgress, counts, st.booleans(), shares, shares))
+def test_both_wires_give_a_progress_back(progress: ScanProgress) -> None:
+    packed = pb.ScanProgress.FromString(proto.progress_to_proto(progress).SerializeToString())
+    assert same(progress, proto.progress_from_proto(packed))
+    assert same(progress, progress_from_json(through_json(progress_to_json(progress))))
+
+
+def test_a_chunk_without_samples_asks_for_the_progress() -> None:
+    got = proto.telling_from_proto(pb.TellSamplesRequest(chunk=pb.SampleChunk()))
+    assert isinstance(got, SampleChunk)
+    assert (got.start, len(got.samples)) == (0, 0)
 
 
 def test_a_request_left_bare_takes_the_same_defaults_on_both_wires() -> None:

@@ -10,10 +10,16 @@ from typing import Any
 
 from pretouch.errors import InvalidInput
 from pretouch.serving import ServiceContext
-from pretouch.session import Session
+from pretouch.session import ScanProgress, Session
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1 import orchestrator_pb2_grpc
-from pretouch.wire.session import request_from_proto, session_to_proto, submission_from_proto
+from pretouch.wire.session import (
+    progress_to_proto,
+    request_from_proto,
+    session_to_proto,
+    submission_from_proto,
+    telling_from_proto,
+)
 from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
 
 SERVICE = pb.DESCRIPTOR.services_by_name["OrchestratorService"].full_name
@@ -39,6 +45,9 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
     async def SubmitScan(self, request: pb.SubmitScanRequest, context: Any) -> pb.SubmitScanResponse:
         return pb.SubmitScanResponse(session=session_to_proto(await self._submit(request.session_id, request)))
 
+    async def TellSamples(self, request: pb.TellSamplesRequest, context: Any) -> pb.TellSamplesResponse:
+        return pb.TellSamplesResponse(progress=progress_to_proto(await self._tell(request.session_id, request)))
+
     async def CancelSession(self, request: pb.CancelSessionRequest, context: Any) -> pb.CancelSessionResponse:
         return pb.CancelSessionResponse(session=session_to_proto(await self._sessions.cancel(request.session_id)))
 
@@ -55,6 +64,11 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
     ) -> AsyncIterator[pb.RunSessionResponse]:
         session: Session | None = None
         async for request in _take_until(self._context.draining, requests):
+            if session is not None and request.WhichOneof("step") == "samples":
+                _check_session(request.samples.session_id, session.id)
+                progress = await self._tell(session.id, request.samples)
+                yield pb.RunSessionResponse(progress=progress_to_proto(progress))
+                continue
             session = await self._step(request, session)
             yield pb.RunSessionResponse(session=session_to_proto(session))
             if session.state.ended:
@@ -67,16 +81,12 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
             case "session_id" if session is None:
                 return await self._sessions.get(request.session_id)
             case "scan" if session is not None:
-                if request.scan.session_id not in ("", session.id):
-                    raise InvalidInput(
-                        f"The scan is for session {request.scan.session_id!r:.80}; this stream runs {session.id!r}.",
-                        "Leave session_id empty, or open another stream.",
-                    )
+                _check_session(request.scan.session_id, session.id)
                 return await self._submit(session.id, request.scan)
             case step:
                 raise InvalidInput(
                     f"The stream's step is {step or 'empty'}, which is not allowed here.",
-                    "Send `create` or `session_id` first, then scans.",
+                    "Send `create` or `session_id` first, then scans and samples.",
                 )
 
     async def _create(self, request: pb.CreateSessionRequest) -> Session:
@@ -86,6 +96,20 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
     async def _submit(self, session_id: str, request: pb.SubmitScanRequest) -> Session:
         return await self._sessions.submit(
             session_id, request.scan_id, lambda: self._context.run_in_thread(submission_from_proto, request)
+        )
+
+    async def _tell(self, session_id: str, request: pb.TellSamplesRequest) -> ScanProgress:
+        return await self._sessions.tell(
+            session_id, request.scan_id, lambda: self._context.run_in_thread(telling_from_proto, request)
+        )
+
+
+def _check_session(named: str, running: str) -> None:
+    """Raises `InvalidInput` unless a stream's step names no session or the one that the stream runs."""
+    if named not in ("", running):
+        raise InvalidInput(
+            f"The step is for session {named!r:.80}; this stream runs {running!r}.",
+            "Leave session_id empty, or open another stream.",
         )
 
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pretouch.estimate import MIN_FIT, Estimate, Mode, Prior, from_prior, point_error
+from pretouch.estimate import MIN_FIT, Estimate, Mode, Prior, from_prior, point_error, select_arms
+from pretouch.expected_error import compute_expected_errors
 from pretouch.geometry import Array
+from pretouch.scan_prediction import Candidate, Prediction, check_pieces
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
-from pretouch.trajectory import Trajectory
 from pretouch_registrar.beam_selection import select_beams
 from pretouch_registrar.downsampling import downsample_scene
 from pretouch_registrar.engines import Engine, camera_model, solve
@@ -25,7 +26,7 @@ from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.solution import Solution, pose_from_correction
 from pretouch_registrar.lru_cache import LruCache
 from pretouch_registrar.observability import find_weak_directions
-from pretouch_registrar.prediction import predict_covariance
+from pretouch_registrar.prediction import count_truths, predict_candidate
 
 _MAX_MODELS, _MAX_SOLUTIONS = 32, 64
 """Results that a registrar caches."""
@@ -77,25 +78,33 @@ class Registrar:
         return self._solve_cached(scene, _select_scans(scene, scans, settings), settings)[1]
 
     def predict(
-        self, scene: Scene, scans: Sequence[Scan], settings: Settings, candidates: Sequence[Trajectory]
-    ) -> list[float]:
-        """m: the expected error after each candidate scan, given the scans so far.
+        self, scene: Scene, scans: Sequence[Scan], settings: Settings, candidates: Sequence[Candidate]
+    ) -> list[list[Prediction]]:
+        """For each candidate, what a scan of each of its pieces would leave and return, given the scans so far.
 
-        Engines `paper` and `pcl` cannot predict: they return the present expected error for each.
+        Engines `paper` and `pcl` cannot predict errors: they return the present expected error for each.
+
+        Raises:
+            InvalidInput: more than MAX_PIECES pieces.
         """
+        check_pieces(candidates)
         scene = downsample_scene(scene)
         ordered = _select_scans(scene, scans, settings)
-        if settings.engine in (Engine.PAPER, Engine.PCL):
-            return [self.register(scene, ordered, settings).expected_error] * len(candidates)
         problem, solution = self._solve_cached(scene, ordered, settings)
+        truths = count_truths(problem, sum(len(candidate.pieces) for candidate in candidates))
+        outcomes = self._resources.map(
+            lambda each: predict_candidate(problem, solution.x, solution.covariance, each, settings.sensor, truths),
+            candidates,
+        )
+        if not outcomes:
+            return []
         cloud = pose_from_correction(solution.x, scene.centroid).apply(scene.cloud)
-        centroid = scene.centroid + solution.x[3:]
-
-        def predict_error(candidate: Trajectory) -> float:
-            left = predict_covariance(problem, solution.x, solution.covariance, candidate, settings.sensor)
-            return point_error(left, cloud, centroid)[0]
-
-        return self._resources.map(predict_error, candidates)
+        arms = select_arms(cloud, scene.centroid + solution.x[3:])
+        errors = compute_expected_errors([left for each in outcomes for left, _ in each], arms)
+        if settings.engine in (Engine.PAPER, Engine.PCL):
+            errors[:] = self.register(scene, ordered, settings).expected_error
+        by_piece = iter(errors.tolist())
+        return [[Prediction(next(by_piece), returns) for _, returns in each] for each in outcomes]
 
     def _solve_cached(
         self, scene: Scene, scans: Sequence[Scan], settings: Settings
@@ -110,7 +119,7 @@ class Registrar:
         if not scans:
             return problem, Solution(np.zeros(6), settings.prior.covariance())
         solution = solve(settings.engine, problem, model, self._resources)
-        if settings.engine is Engine.POSTERIOR and not problem.wide:
+        if settings.engine is Engine.POSTERIOR and settings.sensor.beam_half_angle == 0.0:
             assumed = replace(settings.sensor, beam_half_angle=ASSUMED_HALF_ANGLE)
             wide = build_problem(model, scans, settings.prior, assumed)
             if is_wide_beam(solution.x, problem, wide, self._resources):

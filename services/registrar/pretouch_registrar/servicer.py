@@ -12,11 +12,9 @@ from pretouch.errors import InvalidInput, Malformed, TooLarge
 from pretouch.scene import Scene
 from pretouch.serving import ServiceContext
 from pretouch.tof import Scan
-from pretouch.trajectory import Trajectory
 from pretouch.v1 import common_pb2, registrar_pb2_grpc
 from pretouch.v1 import registrar_pb2 as pb
 from pretouch.wire.common import (
-    array_from_proto,
     estimate_to_proto,
     mesh_from_proto,
     prior_from_proto,
@@ -24,6 +22,7 @@ from pretouch.wire.common import (
     scene_from_proto,
     sensor_from_proto,
 )
+from pretouch.wire.scan_prediction import candidate_from_proto, predictions_to_proto
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.mesh_scene import mesh_scene
 from pretouch_registrar.registration import Registrar, Settings
@@ -67,13 +66,9 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
 
     def _predict(self, request: pb.PredictScansRequest) -> pb.PredictScansResponse:
         scans = [scan_from_proto(scan) for scan in request.scans]
-        candidates = [
-            Trajectory(array_from_proto(c.t, "candidate.t"), array_from_proto(c.base_t_tip, "candidate.base_t_tip"))
-            for c in request.candidates
-        ]
+        candidates = [candidate_from_proto(candidate) for candidate in request.candidates]
         settings = settings_from_proto(request.settings, self.default)
-        errors = self.registrar.predict(_read_target(request), scans, settings, candidates)
-        return pb.PredictScansResponse(expected_errors=errors)
+        return predictions_to_proto(self.registrar.predict(_read_target(request), scans, settings, candidates))
 
     async def RegisterStream(
         self, request_iterator: AsyncIterator[pb.RegisterStreamRequest], context: grpc.aio.ServicerContext

@@ -7,6 +7,7 @@ import numpy as np
 from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Plane, Pose
 from pretouch.mesh_target import MeshTarget
+from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
 from pretouch.tof import Scan
 from pretouch.trajectory import Trajectory
@@ -39,4 +40,4 @@ def warm_up(registrar: Registrar) -> None:
         registrar.register(scene, [scan], Settings(engine))
     triangle = np.array([[0.0, 0.0, 0.05], [0.05, 0.0, 0.05], [0.0, 0.05, 0.05]])
     mesh_scene(MeshTarget(triangle, np.array([[0, 1, 2]]), Pose.identity(), scene.table))
-    registrar.predict(scene, [scan], Settings(), [Trajectory(np.arange(24.0), tip)])
+    registrar.predict(scene, [scan], Settings(), [Candidate(Trajectory(np.arange(24.0), tip))])

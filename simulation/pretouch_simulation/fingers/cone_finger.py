@@ -43,6 +43,12 @@ class Errors:
     flagged: float
     outliers: float
 
+    def round_to_step(self, ranges: Array) -> Array:
+        """(n,), m, of ranges (n,), m."""
+        if not self.step:
+            return ranges
+        return np.asarray(np.round(ranges / self.step) / round(1 / self.step), dtype=np.float64)
+
 
 @dataclass(frozen=True)
 class ConeFinger:
@@ -53,16 +59,29 @@ class ConeFinger:
     errors: Errors
     reflectances: Reflectances = field(default_factory=Reflectances)
 
-    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-        """See `Finger.measure`."""
-        n, errors, sensor = len(base_T_module), self.errors, self.sensor
-        bias, normal = errors.bias * rng.standard_normal(), rng.standard_normal(n)
-        chance, which, anywhere = rng.uniform(size=(3, n))
-        true, signal = self.response.read(world, base_T_module, self.reflectances)
+    def begin_scan(self, count: int, rng: np.random.Generator) -> _Measurements:
+        """See `Finger.begin_scan`."""
+        bias = self.errors.bias * float(rng.standard_normal())
+        return _Measurements(self, bias, rng.standard_normal(count), rng.uniform(size=(3, count)))
+
+
+@dataclass(frozen=True)
+class _Measurements:
+    finger: ConeFinger
+    bias: float
+    normal: Array
+    uniform: Array
+
+    def take(self, world: World, base_T_module: Array, first: int = 0) -> tuple[Array, NDArray[np.int64]]:
+        """See `Measurements.take`."""
+        n, errors, sensor = len(base_T_module), self.finger.errors, self.finger.sensor
+        normal = self.normal[first : first + n]
+        chance, which, anywhere = self.uniform[:, first : first + n]
+        true, signal = self.finger.response.read(world, base_T_module, self.finger.reflectances)
         answered = np.isfinite(true) & (signal >= errors.least_signal)
         met = np.where(answered, true, sensor.range_max)
         spread = errors.noise * np.clip(np.maximum(signal, 1e-9) ** -0.5, *_NOISE_SCALE)
-        ranges = self._round_to_step(met + errors.curve(met) + bias + spread * normal)
+        ranges = errors.round_to_step(met + errors.curve(met) + self.bias + spread * normal)
 
         status = np.full(n, Status.OK, dtype=np.int64)
         status[ranges > sensor.range_max] = Status.NO_TARGET
@@ -71,13 +90,7 @@ class ConeFinger:
         status[flagged] = np.where(which < _EARLY, Status.EARLY_CONVERGENCE, Status.SNR)[flagged]
         status[~answered] = Status.NO_TARGET
         outlier = chance > 1 - errors.outliers
-        ranges[outlier] = self._round_to_step(sensor.range_min + anywhere * (sensor.range_max - sensor.range_min))[
-            outlier
-        ]
+        spurious = sensor.range_min + anywhere * (sensor.range_max - sensor.range_min)
+        ranges[outlier] = errors.round_to_step(spurious)[outlier]
         status[outlier] = Status.OK
         return np.where(status == Status.OK, ranges, np.nan), status
-
-    def _round_to_step(self, ranges: Array) -> Array:
-        if not self.errors.step:
-            return ranges
-        return np.asarray(np.round(ranges / self.errors.step) / round(1 / self.errors.step), dtype=np.float64)

@@ -24,6 +24,7 @@ CALIBRATED_AT = 0.05
 _LEAST_PATH = 1e-3
 _BIN = 0.001
 _BINS = 400
+_CENTRES = (np.arange(_BINS) + 0.5) * _BIN
 _FIRST_PEAK = 0.3
 """A peak counts as the first one if it is at least this share of the highest."""
 _SHIFTS = 5
@@ -87,6 +88,11 @@ class ConeResponse:
         signal = response * rays[:, 2] / path**2
         return float(self._range(path[None], signal[None])[0]), float(signal.sum())
 
+    @cached_property
+    def _smoothing(self) -> Array:
+        """(_BINS, _BINS): what each bin of the histogram adds to the smoothed one."""
+        return np.asarray(np.exp(-0.5 * ((_CENTRES[:, None] - _CENTRES) / self.pulse) ** 2), dtype=np.float64)
+
     def read(self, world: World, base_T_module: Array, reflectances: Reflectances) -> tuple[Array, Array]:
         """What is seen from module poses (n, 4, 4).
 
@@ -124,14 +130,13 @@ class ConeResponse:
         bins = np.minimum((path / _BIN).astype(np.int64), _BINS - 1)
         histogram = np.zeros((n, _BINS))
         np.add.at(histogram, (np.arange(n)[:, None], bins), weight)
-        centres = (np.arange(_BINS) + 0.5) * _BIN
-        density = histogram @ np.exp(-0.5 * ((centres[:, None] - centres) / self.pulse) ** 2)
+        density = histogram @ self._smoothing
         if self.estimator is Estimator.STRONGEST_PEAK:
-            return np.asarray(centres[density.argmax(axis=1)])
+            return np.asarray(_CENTRES[density.argmax(axis=1)])
         before = np.pad(density, ((0, 0), (1, 0)))[:, :-1]
         after = np.pad(density, ((0, 0), (0, 1)))[:, 1:]
         peaks = (density >= before) & (density > after) & (density >= _FIRST_PEAK * density.max(axis=1, keepdims=True))
-        return np.asarray(centres[peaks.argmax(axis=1)])
+        return np.asarray(_CENTRES[peaks.argmax(axis=1)])
 
 
 def _mean(path: Array, weight: Array) -> Array:

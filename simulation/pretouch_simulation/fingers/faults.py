@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from pretouch.geometry import Array
 from pretouch.tof import STATUS_OK, Sensor
-from pretouch_simulation.finger import Finger
+from pretouch_simulation.finger import Finger, Measurements
 from pretouch_simulation.fingers.several import Several, side_by_side
 from pretouch_simulation.fingers.status import Status
 from pretouch_simulation.world import World
 
-Break = Callable[[Array, np.random.Generator], Array]
-"""The ranges (n,), m, NaN = none, that a sound finger measured, to those that the broken one reports."""
+Break = Callable[[Array, Array], Array]
+"""Ranges (n,), m, NaN = none, that a sound finger measured, and random numbers (n,), uniform in [0, 1), to the ranges
+that the broken one reports."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,21 @@ class Broken:
     def sensor(self) -> Sensor:
         return self.finger.sensor
 
-    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-        """See `Finger.measure`; an absent range comes with status 7."""
-        measured, _ = self.finger.measure(world, base_T_module, rng)
-        ranges = self.fault(measured, rng)
+    def begin_scan(self, count: int, rng: np.random.Generator) -> _Measurements:
+        """See `Finger.begin_scan`."""
+        return _Measurements(self.finger.begin_scan(count, rng), self.fault, rng.uniform(size=count))
+
+
+@dataclass(frozen=True)
+class _Measurements:
+    sound: Measurements
+    fault: Break
+    uniform: Array
+
+    def take(self, world: World, base_T_module: Array, first: int = 0) -> tuple[Array, NDArray[np.int64]]:
+        """See `Measurements.take`; an absent range comes with status 7."""
+        measured, _ = self.sound.take(world, base_T_module, first)
+        ranges = self.fault(measured, self.uniform[first : first + len(measured)])
         return ranges, np.where(np.isnan(ranges), Status.NO_TARGET, STATUS_OK).astype(np.int64)
 
 
@@ -50,7 +62,7 @@ def make_dead_finger(finger: Finger) -> Finger:
 def make_noise_finger(finger: Finger) -> Finger:
     """Reports ranges that are uniform over the sensor's range, whatever is there."""
     low, high = finger.sensor.range_min, finger.sensor.range_max
-    return Broken(finger, lambda ranges, rng: rng.uniform(low, high, len(ranges)))
+    return Broken(finger, lambda _, uniform: low + (high - low) * uniform)
 
 
 def make_millimetre_finger(finger: Finger) -> Finger:

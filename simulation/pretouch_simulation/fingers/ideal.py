@@ -19,9 +19,19 @@ class ThinBeam:
 
     sensor: Sensor = field(default_factory=Sensor)
 
-    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-        """See `Finger.measure`."""
-        noise = rng.normal(0.0, self.sensor.range_std, len(base_T_module))
+    def begin_scan(self, count: int, rng: np.random.Generator) -> _Measurements:
+        """See `Finger.begin_scan`."""
+        return _Measurements(self.sensor, rng.normal(0.0, self.sensor.range_std, count))
+
+
+@dataclass(frozen=True)
+class _Measurements:
+    sensor: Sensor
+    noise: Array
+
+    def take(self, world: World, base_T_module: Array, first: int = 0) -> tuple[Array, NDArray[np.int64]]:
+        """See `Measurements.take`."""
+        noise = self.noise[first : first + len(base_T_module)]
         ranges = world.cast(base_T_module[:, :3, 3], base_T_module[:, :3, 2]) + noise
         status = np.full(len(ranges), Status.OK, dtype=np.int64)
         status[ranges < self.sensor.range_min] = Status.RANGE_UNDERFLOW

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pretouch.geometry import Array, Pose
 from pretouch.tof import STATUS_OK, Sensor
-from pretouch_simulation.finger import Finger
+from pretouch_simulation.finger import Finger, Measurements
 from pretouch_simulation.world import World
 
 
@@ -26,13 +26,26 @@ class Several:
     sensor: Sensor
     fingers: tuple[Finger, ...]
 
-    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-        """See `Finger.measure`."""
+    def begin_scan(self, count: int, rng: np.random.Generator) -> _Measurements:
+        """See `Finger.begin_scan`."""
         m = len(self.fingers)
+        return _Measurements(
+            tuple(finger.begin_scan(len(range(k, count, m)), rng) for k, finger in enumerate(self.fingers))
+        )
+
+
+@dataclass(frozen=True)
+class _Measurements:
+    modules: tuple[Measurements, ...]
+
+    def take(self, world: World, base_T_module: Array, first: int = 0) -> tuple[Array, NDArray[np.int64]]:
+        """See `Measurements.take`."""
+        m = len(self.modules)
         ranges = np.full(len(base_T_module), np.nan)
         status = np.full(len(base_T_module), STATUS_OK, dtype=np.int64)
-        for k, finger in enumerate(self.fingers):
-            ranges[k::m], status[k::m] = finger.measure(world, base_T_module[k::m], rng)
+        for k, module in enumerate(self.modules):
+            turns = slice((k - first) % m, None, m)
+            ranges[turns], status[turns] = module.take(world, base_T_module[turns], len(range(k, first, m)))
         return ranges, status
 
 

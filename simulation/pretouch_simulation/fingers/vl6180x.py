@@ -88,10 +88,22 @@ class VL6180X:
 
     sensor: Sensor = SENSOR
 
-    def measure(self, world: World, base_T_module: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-        """See `Finger.measure`."""
+    def begin_scan(self, count: int, rng: np.random.Generator) -> _Measurements:
+        """See `Finger.begin_scan`."""
+        return _Measurements(self.sensor, rng.standard_normal(count), rng.uniform(size=count), rng.uniform(size=count))
+
+
+@dataclass(frozen=True)
+class _Measurements:
+    sensor: Sensor
+    normal: Array
+    chance: Array
+    wander: Array
+
+    def take(self, world: World, base_T_module: Array, first: int = 0) -> tuple[Array, NDArray[np.int64]]:
+        """See `Measurements.take`."""
         n = len(base_T_module)
-        normal, chance, wander = rng.standard_normal(n), rng.uniform(size=n), rng.uniform(size=n)
+        normal, chance, wander = (drawn[first : first + n] for drawn in (self.normal, self.chance, self.wander))
         true, signal = mean_range(world, base_T_module)
         share = np.minimum(true, self.sensor.range_max) / self.sensor.range_max
         noise = (NOISE_AT_CONTACT + (NOISE_AT_MAX - NOISE_AT_CONTACT) * share) * normal

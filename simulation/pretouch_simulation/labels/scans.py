@@ -18,6 +18,7 @@ from pretouch_registrar.registration import Registrar, Settings
 from pretouch.estimate import from_prior, point_error
 from pretouch.geometry import Array, Pose
 from pretouch.rectangle import RotatedRectangle
+from pretouch.scan_prediction import Candidate
 from pretouch.session import ScanSettings
 from pretouch.trajectory import Trajectory
 from pretouch_simulation.finger import Finger
@@ -56,8 +57,9 @@ def predict_errors(view: LabelView, paths: Sequence[Trajectory | None], scoring:
     """(r,), m: the error that the registrar predicts for each path; without a path, the prior's."""
     settings = scoring.settings
     left = np.full(len(paths), from_prior(settings.prior, view.scene.cloud).expected_error)
-    there = [path for path in paths if path is not None]
-    left[[path is not None for path in paths]] = scoring.registrar.predict(view.scene, [], settings, there)
+    there = [Candidate(path) for path in paths if path is not None]
+    predictions = scoring.registrar.predict(view.scene, [], settings, there)
+    left[[path is not None for path in paths]] = [whole.expected_error for (whole,) in predictions]
     return left
 
 

@@ -27,7 +27,9 @@ _MAX_GAP = 0.004
 _MAX_TABLE_HEIGHT = 0.003
 """m above the table up to which hidden cells are taken to be the table."""
 _MIN_DOWNWARD = 0.1
-"""Least downward component of a beam's direction: flatter beams hit the table far away or not at all."""
+"""Downward component of a beam's direction below which it is followed no farther than _LEVEL_REACH."""
+_LEVEL_REACH = 0.15
+"""m: that a level beam is followed, which may hit a wall."""
 _NO_HIT_RANGE = 1.0
 """m: the range of a beam that hits nothing."""
 _MAX_STEPS = 256
@@ -93,9 +95,10 @@ class Surface:
         return np.stack(sampled)
 
     def is_known_at(self, origins: Array, directions: Array) -> NDArray[np.bool_]:
-        """(n,): whether each beam hits a cell that is known."""
-        ends = origins + self.predict_ranges(origins, directions)[:, None] * directions
-        return np.asarray(self.known[self._index(self.table_T_base.apply(ends)[:, :2])], dtype=bool)
+        """(n,): whether each beam hits a cell that is known, or nothing."""
+        ranges = self.predict_ranges(origins, directions)
+        ends = self.table_T_base.apply(origins + ranges[:, None] * directions)
+        return np.asarray(self.known[self._index(ends[:, :2])] | (ranges >= _NO_HIT_RANGE), dtype=bool)
 
     def _index(self, places: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         cells = np.round((places - self.origin) / self.cell).astype(np.intp)
@@ -104,16 +107,18 @@ class Surface:
 
     def _intersect(self, starts: Array, ways: Array) -> Array:
         """`predict_ranges` in the table's frame, in steps of one cell; vertical beams take a single step."""
-        down = np.maximum(-ways[:, 2], _MIN_DOWNWARD)
-        longest = (starts[:, 2] - min(float(self.heights.min()), 0.0)) / down
+        falling, down = -ways[:, 2] >= _MIN_DOWNWARD, -ways[:, 2:]
+        fall = np.where(falling, down[:, 0], 1.0)
+        longest = np.where(falling, (starts[:, 2] - min(float(self.heights.min()), 0.0)) / fall, _LEVEL_REACH)
         travelled = float((longest * np.linalg.norm(ways[:, :2], axis=1)).max(initial=0.0))
         steps = int(np.clip(np.ceil(travelled / self.cell), 1, _MAX_STEPS))
         ends = longest[:, None] * np.arange(1, steps + 1) / steps
         begins = ends - longest[:, None] / steps
         places = starts[:, None, :2] + ends[..., None] * ways[:, None, :2]
-        at = (starts[:, 2:] - self.heights[self._index(places)]) / down[:, None]
-        met = np.where(at <= ends + 1e-9, np.maximum(at, begins), np.inf).min(axis=1)
-        return np.where((-ways[:, 2] >= _MIN_DOWNWARD) & np.isfinite(met), np.maximum(met, 0.0), _NO_HIT_RANGE)
+        above = starts[:, 2:] - self.heights[self._index(places)]
+        at = np.where(falling[:, None], above / fall[:, None], ends)
+        met = np.where(above <= ends * down + 1e-9, np.maximum(at, begins), np.inf).min(axis=1)
+        return np.where(np.isfinite(met), np.maximum(met, 0.0), _NO_HIT_RANGE)
 
 
 def _sample_displacements(covariance: Array) -> Array:

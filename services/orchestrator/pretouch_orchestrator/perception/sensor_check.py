@@ -1,4 +1,6 @@
-"""Finds the modules of a fingertip that measured nothing in a scan: stuck, dead, noisy, or in a wrong unit.
+"""Finds the modules of a fingertip that measured nothing of the scene in a scan.
+
+They are stuck, dead, noisy, in a wrong unit, or they look at the robot itself.
 
 A module is diagnosed only if its readings contradict the depth image by more than any likely pose error explains.
 """
@@ -60,12 +62,18 @@ _MIN_EXPECTED_RETURNS = 20
 """Least expected returns of a module that is diagnosed as dead: dark or steep places absorb some of them, not all."""
 _SIGMAS = 3.0
 """Standard deviations of a range by which the surface must be within range for a return to be certain."""
+_MAX_OWN_RANGE, _MAX_OWN_SPREAD = 0.06, 1.5
+"""m: parts of the robot that move along with the module are this near; and how much their range may vary, in standard
+deviations of the sensor."""
+_MIN_PATH = 0.03
+"""m: least extent of a path along which the range of anything else changes."""
 _MAX_DESCRIBED = 3
 """Modules that a summary describes one by one."""
 
 
 class Fault(StrEnum):
     STUCK = "stuck"
+    ROBOT = "robot"
     NOISE = "noise"
     UNIT = "unit"
     DEAD = "dead"
@@ -133,17 +141,14 @@ def drop_modules(samples: RangeSamples, modules: Collection[int]) -> RangeSample
     """The samples without those of `modules`."""
     if not modules:
         return samples
-    kept = ~np.isin(samples.module, list(modules))
-    return RangeSamples(
-        samples.t[kept], samples.base_T_tip[kept], samples.range[kept], samples.status[kept], samples.module[kept]
-    )
+    return samples.select(~np.isin(samples.module, list(modules)))
 
 
 def summarize(diagnoses: Sequence[Diagnosis]) -> str:
-    """Why a scan whose modules are all faulty is not used, in a few sentences."""
+    """What is wrong with a scan's faulty modules, in a few sentences."""
     texts = [diagnosis.text for diagnosis in diagnoses[:_MAX_DESCRIBED]]
     if len(diagnoses) > _MAX_DESCRIBED:
-        texts.append(f"The other {len(diagnoses) - _MAX_DESCRIBED} modules measure nothing either.")
+        texts.append(f"{len(diagnoses) - _MAX_DESCRIBED} more modules measure nothing either.")
     return " ".join(texts)
 
 
@@ -237,6 +242,30 @@ def _check_stuck(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
     return f"{reads} while the surface that the camera saw under it {does}: it is stuck."
 
 
+def _check_robot(readings: _Readings, sensor: Sensor, surface: Surface) -> str:
+    """A range that hardly varies along the path, at a place where nothing that the camera saw can be."""
+    returned = np.flatnonzero(readings.returned)
+    if len(returned) < max(_MIN_SAMPLES, _MIN_REPORTED * len(readings.values)):
+        return ""
+    middle = float(np.median(readings.values[returned]))
+    spread = _MAD * float(np.median(np.abs(readings.values[returned] - middle)))
+    if middle > _MAX_OWN_RANGE or spread > max(_MAX_OWN_SPREAD * sensor.range_std, _MAX_STUCK_SPREAD):
+        return ""
+    chosen = returned[readings.known[returned]]
+    if len(chosen) < _MIN_SAMPLES or np.linalg.norm(np.ptp(readings.origins[chosen], axis=0)) < _MIN_PATH:
+        return ""
+    some = chosen[_subsample(len(chosen))]
+    sampled = surface.sample_ranges(readings.origins[some], readings.directions[some])
+    explained = (sampled <= middle + _MAX_OFFSET).mean(axis=1)
+    if np.quantile(explained, 1 - _MAX_PROBABILITY) > 0.5:
+        return ""
+    return (
+        f"reads {1000 * middle:.0f} mm, give or take {1000 * spread:.1f} mm, in {len(returned)} of "
+        f"{len(readings.values)} samples however the tip moves, where nothing that the camera saw is as near: it looks "
+        "at the robot itself, such as its other finger. Leave it out of sensor.tip_T_module, or send null."
+    )
+
+
 def _check_noise(readings: _Readings, sensor: Sensor, _: Surface) -> str:
     """Ranges that jump from sample to sample over a smooth surface."""
     kept, expected = readings.returned & readings.known, readings.expected
@@ -254,7 +283,13 @@ def _check_noise(readings: _Readings, sensor: Sensor, _: Surface) -> str:
     )
 
 
-_CHECKS = {Fault.UNIT: _check_unit, Fault.DEAD: _check_dead, Fault.STUCK: _check_stuck, Fault.NOISE: _check_noise}
+_CHECKS = {
+    Fault.UNIT: _check_unit,
+    Fault.DEAD: _check_dead,
+    Fault.STUCK: _check_stuck,
+    Fault.ROBOT: _check_robot,
+    Fault.NOISE: _check_noise,
+}
 
 
 def _find_narrowest_interval(values: Array) -> tuple[float, float]:

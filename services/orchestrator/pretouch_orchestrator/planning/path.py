@@ -1,4 +1,4 @@
-"""Plans the fingertip's path over the object along the perimeter of a rectangle in the depth image."""
+"""Plans the fingertip's path over the object: along a rectangle's perimeter in the depth image, or along a line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pretouch.session import ScanSettings
 from pretouch.trajectory import Trajectory
 from pretouch_orchestrator.perception.heightmap import HeightMap, build_height_map
 from pretouch_orchestrator.perception.table import table_covariance
-from pretouch_orchestrator.planning.tip_floor import SAFE, Margins, compute_reach, compute_tip_floor, lateral_std
+from pretouch_orchestrator.planning.tip_floor import GUARDED, SAFE, compute_reach, compute_tip_floor, lateral_std
 
 _OCCLUDER_MARGIN = 0.06
 """m beyond the path's reach within which things may occlude the surface below the path."""
@@ -32,47 +32,73 @@ _SPEED_MARGIN = 0.999
 """Share of the speed limit that is used, so that rounding does not exceed it."""
 
 
+class PathPlanner:
+    """Plans paths of the fingertip over one scene under one estimate.
+
+    A path is given by its places on the ground, seen from above in the table's frame as the camera puts it. Its height
+    clears everything that the camera saw or that may be hidden from it (`tip_floor`); its beam is opposite to the
+    corrected table's normal.
+
+    Args:
+        beyond: m around the object over which paths may lead.
+
+    Attributes:
+        surface: the heights that the camera saw or that may be hidden from it.
+        floor: (nx, ny), m, the lowest height of the tip over each cell of `surface`.
+        reach: m around the beam within which heights count.
+    """
+
+    def __init__(self, scene: Scene, estimate: Estimate, settings: ScanSettings, beyond: float = SCAN_MARGIN) -> None:
+        margins = GUARDED if settings.guarded else SAFE
+        base_T_table = scene.table.frame()
+        points = base_T_table.inverse().apply(scene.organised)
+        lateral = _compute_lateral_std(points[scene.mask], base_T_table, estimate, beyond)
+        self.reach = compute_reach(lateral, margins)
+        self.surface = build_height_map(scene, beyond + self.reach + _OCCLUDER_MARGIN)
+        self.floor = compute_tip_floor(self.surface, estimate, lateral, settings.standoff, margins)
+        self._places = points[..., :2]
+        self._shown = (scene.depth.metres > 0) & (scene.mask | (np.abs(points[..., 2]) < TABLE_BAND))
+        self._base_T_map = estimate.base_T_correction @ base_T_table
+        self._speed = settings.speed
+
+    def follow_perimeter(self, rectangle: RotatedRectangle) -> Trajectory | None:
+        """The path along a rectangle's perimeter, in the scene's pixels; None where it does not cross the object.
+
+        It crosses depth jumps, and pixels that show neither object nor table, in straight lines; the parts far from
+        the object are cut off.
+        """
+        ground = _trace_ground_path(rectangle, self._places, self._shown, self.surface)
+        return None if ground is None else self._fly(ground)
+
+    def follow_line(self, ends: Array) -> Trajectory:
+        """The path along a straight line between `ends` (2, 2), m, in the table's frame."""
+        return self._fly(_resample(ends, _WAYPOINT_SPACING, _MAX_WAYPOINTS))
+
+    def _fly(self, ground: Array) -> Trajectory:
+        """The tip's poses in base from t = 0 on over places (n, 2), m."""
+        return _time_path(_raise_to_floor(ground, self.floor, self.surface), self._base_T_map, self._speed)
+
+
 def plan_paths(
     scene: Scene,
     rectangles: Sequence[RotatedRectangle],
     estimate: Estimate,
     settings: ScanSettings,
-    margins: Margins = SAFE,
 ) -> list[Trajectory | None]:
-    """A path of the fingertip along each rectangle's perimeter.
+    """The whole path along each rectangle's perimeter: see `PathPlanner.follow_perimeter`."""
+    planner = PathPlanner(scene, estimate, settings)
+    return [planner.follow_perimeter(rectangle) for rectangle in rectangles]
 
-    Seen from above, the path follows the surface points of the perimeter's pixels, corrected by the present estimate.
-    It crosses depth jumps, and pixels that show neither object nor table, in straight lines; the parts far from the
-    object are cut off. Its height clears everything that the camera saw or that may be hidden from it (`tip_floor`).
 
-    Args:
-        scene: the view; `rectangles` are in its pixels.
-        margins: the distance that the tip keeps from the surface.
+def _compute_lateral_std(body: Array, base_T_table: Pose, estimate: Estimate, beyond: float) -> float:
+    """m: the largest lateral standard deviation up to `beyond` m from the object.
 
-    Returns:
-        For each rectangle the tip's poses in base from t = 0 on, the beam opposite to the corrected table's normal;
-        None where the perimeter does not cross the object.
+    `body` (n, 3), m: the object's points in the table's frame.
     """
-    base_T_table = scene.table.frame()
-    points = base_T_table.inverse().apply(scene.organised)
-    reach = _compute_path_reach(points[scene.mask], base_T_table, estimate, margins)
-    surface = build_height_map(scene, SCAN_MARGIN + reach + _OCCLUDER_MARGIN)
-    floor = compute_tip_floor(surface, estimate, reach + 2 * surface.cell, settings.standoff, margins)
-    shown = (scene.depth.metres > 0) & (scene.mask | (np.abs(points[..., 2]) < TABLE_BAND))
-    base_T_map = estimate.base_T_correction @ base_T_table
-    grounds = [_trace_ground_path(rectangle, points[..., :2], shown, surface) for rectangle in rectangles]
-    return [
-        None if ground is None else _time_path(_raise_to_floor(ground, floor, surface), base_T_map, settings.speed)
-        for ground in grounds
-    ]
-
-
-def _compute_path_reach(body: Array, base_T_table: Pose, estimate: Estimate, margins: Margins) -> float:
-    """m around the beam within which heights count; `body` (n, 3), m: the object's points in the table's frame."""
-    low, high = body.min(axis=0) - SCAN_MARGIN, body.max(axis=0) + SCAN_MARGIN
+    low, high = body.min(axis=0) - beyond, body.max(axis=0) + beyond
     corners = np.stack(np.meshgrid(*np.stack([low, high], axis=1)), axis=-1).reshape(-1, 3)
     arms = corners - base_T_table.inverse().apply(estimate.centroid)
-    return compute_reach(lateral_std(table_covariance(base_T_table, estimate), arms), margins)
+    return lateral_std(table_covariance(base_T_table, estimate), arms)
 
 
 def _trace_ground_path(

@@ -15,6 +15,8 @@ from pretouch_orchestrator.perception.table import table_covariance
 FINGER_RADIUS = 0.010
 """m: how far the finger extends around the beam."""
 _DISC_BOXES = 6
+_ROUNDING = 2.0
+"""Cells that a reach grows by, since places and points are rounded to cells."""
 
 
 @dataclass(frozen=True)
@@ -28,15 +30,24 @@ class Margins:
         sigmas: the standoff holds for lateral errors of up to this many standard deviations.
         safe_sigmas: `closest` holds for vertical and lateral errors of up to this many.
         closest: m, the smallest distance from object or table.
+        side_sigmas: the tip is higher than anything in the finger's way, by what `closest` and `safe_sigmas` ask for,
+            for lateral errors of up to this many. What stands beside the finger is in no beam.
     """
 
     sigmas: float = 3.0
     safe_sigmas: float = 4.0
     closest: float = 0.005
+    side_sigmas: float = 2.5
 
 
 SAFE = Margins()
 """The tip comes closer than 5 mm in at most one scan of a thousand."""
+GUARDED = Margins(sigmas=1.0, safe_sigmas=1.0, closest=0.010)
+"""From what is expected, for a robot whose own reflex lifts the tip while a range is below 10 mm.
+
+The reflex sees nothing of what stands beside the finger: for that, lateral errors of up to 2.5 standard deviations
+count, which are exceeded towards one side with a probability of 0.6 %.
+"""
 
 
 def vertical_std(covariance: Array, x: Array, y: Array) -> Array:
@@ -63,24 +74,40 @@ def lateral_std(covariance: Array, arms: Array) -> float:
 
 def compute_reach(lateral: float, margins: Margins = SAFE) -> float:
     """m around the beam within which the surface counts if its lateral standard deviation is `lateral` m."""
+    return max(_compute_near_reach(lateral, margins), _compute_side_reach(lateral, margins))
+
+
+def _compute_near_reach(lateral: float, margins: Margins) -> float:
     return max(FINGER_RADIUS + margins.sigmas * lateral, margins.closest + margins.safe_sigmas * lateral)
 
 
+def _compute_side_reach(lateral: float, margins: Margins) -> float:
+    return FINGER_RADIUS + margins.side_sigmas * lateral
+
+
 def compute_tip_floor(
-    height_map: HeightMap, estimate: Estimate, reach: float, standoff: float, margins: Margins = SAFE
+    height_map: HeightMap, estimate: Estimate, lateral: float, standoff: float, margins: Margins = SAFE
 ) -> Array:
     """The lowest allowed height of the tip, (nx, ny), m in the table's frame, over each cell of the map.
 
-    It is the maximum over the believed points within `reach` m of their height plus either `standoff`, or
-    `margins.closest` and `margins.safe_sigmas` standard deviations of that height, whichever is more. It is no higher
-    than that, so that points lower than the highest one nearby stay within the sensor's range.
+    It is the maximum over the believed points nearby of their height plus either `standoff`, or `margins.closest` and
+    `margins.safe_sigmas` standard deviations of that height, whichever is more; of points that only a lateral error of
+    `margins.side_sigmas` brings into the finger's way, without `standoff`. It is no higher than that, so that points
+    lower than the highest one nearby stay within the sensor's range.
+
+    Args:
+        lateral: m, the surface's lateral standard deviation.
     """
     covariance = table_covariance(height_map.base_T_table, estimate)
     x, y = height_map.places()
     cx, cy, _ = height_map.base_T_table.inverse().apply(estimate.centroid)
-    sigma = vertical_std(covariance, x - cx, y - cy)
-    tip = height_map.believed + np.maximum(standoff, margins.closest + margins.safe_sigmas * sigma)
-    return _dilate(tip, reach / height_map.cell)
+    above = margins.closest + margins.safe_sigmas * vertical_std(covariance, x - cx, y - cy)
+    near, side = _compute_near_reach(lateral, margins), _compute_side_reach(lateral, margins)
+    cell = height_map.cell
+    floor = _dilate(height_map.believed + np.maximum(standoff, above), near / cell + _ROUNDING)
+    if side > near:
+        floor = np.maximum(floor, _dilate(height_map.believed + above, side / cell + _ROUNDING))
+    return floor
 
 
 def _dilate(values: Array, radius: float) -> Array:

@@ -16,8 +16,15 @@ from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from pretouch.camera import decode_depth, decode_png
 from pretouch.errors import Conflict, InvalidInput, Malformed
 from pretouch.serving import ServiceContext
-from pretouch.session import SessionRequest, Submission
-from pretouch.wire.json import request_from_json, scan_plan_to_json, session_to_json, submission_from_json
+from pretouch.session import SessionRequest, Submission, Telling
+from pretouch.wire.json import (
+    progress_to_json,
+    request_from_json,
+    scan_plan_to_json,
+    session_to_json,
+    submission_from_json,
+    telling_from_json,
+)
 from pretouch_orchestrator.rest import examples, models, openapi
 from pretouch_orchestrator.rest.admission import AdmissionMiddleware
 from pretouch_orchestrator.rest.bodies import parse_json, read_json, read_parts
@@ -143,7 +150,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
             openapi.describe_json(models.Session, "The session after the scan."),
             *(400, 401, 404, 409, 413, 415, 422, 429, 503, 504),
         ),
-        openapi_extra=openapi.describe_submission_body(),
+        openapi_extra=openapi.describe_json_body("Submission"),
     )
     async def submit_scan(request: Request, session_id: SessionId, scan_id: ScanId) -> Response:
         """Takes what the finger measured along the planned path. Repeating a scan returns the present session."""
@@ -152,6 +159,27 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
             return await context.run_in_thread(_decode_submission, await read_json(request))
 
         return JSONResponse(session_to_json(await sessions.submit(session_id, scan_id, read)))
+
+    @app.post(
+        "/v1/sessions/{session_id}/scans/{scan_id}/samples",
+        summary="Tell samples while the robot moves",
+        responses=openapi.describe_responses(
+            200,
+            openapi.describe_json(models.ScanProgress, "The scan's progress."),
+            *(400, 401, 404, 409, 413, 415, 422, 429, 503, 504),
+        ),
+        openapi_extra=openapi.describe_json_body("Telling"),
+    )
+    async def tell_samples(request: Request, session_id: SessionId, scan_id: ScanId) -> Response:
+        """Takes samples of a scan under way, and says whether they are enough: then the robot may leave the path.
+
+        What was told before counts once. The scan is closed by submitting it with the rest of its samples, or none.
+        """
+
+        async def read() -> Telling:
+            return await context.run_in_thread(_decode_telling, await read_json(request))
+
+        return JSONResponse(progress_to_json(await sessions.tell(session_id, scan_id, read)))
 
 
 def _decode_creation(
@@ -169,6 +197,10 @@ def _decode_creation(
 
 def _decode_submission(body: bytes) -> Submission:
     return submission_from_json(parse_json(body, "The body"))
+
+
+def _decode_telling(body: bytes) -> Telling:
+    return telling_from_json(parse_json(body, "The body"))
 
 
 def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:

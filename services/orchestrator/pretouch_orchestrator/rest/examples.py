@@ -30,13 +30,14 @@ from pretouch.session import (
     Proposer,
     Region,
     ScanPlan,
+    ScanProgress,
     ScanSummary,
     Session,
     SessionRequest,
     State,
 )
 from pretouch.trajectory import Trajectory
-from pretouch.wire.json import request_to_json, scan_plan_to_json, session_to_json
+from pretouch.wire.json import progress_to_json, request_to_json, scan_plan_to_json, session_to_json
 
 _BOX = np.array([(x, y, z) for x in (0.41, 0.49) for y in (-0.03, 0.03) for z in (0.0, 0.05)])
 """Corners of the object, m, in base."""
@@ -55,7 +56,9 @@ _REQUEST = SessionRequest(
 _PLAN = ScanPlan(
     "scan-1",
     "region-0",
+    "region-0",
     Trajectory(np.array([0.0, 1.6]), np.stack([_DOWN.matrix, Pose.of(_DOWN.rotation, (0.49, -0.03, 0.08)).matrix])),
+    expected_returns=0.94,
 )
 _REGION = Region("region-0", RotatedRectangle(319.5, 231.0, 58.0, 40.0, 0.0), 0.84, 0.0042)
 _CREATED = Session(
@@ -87,7 +90,7 @@ _CONVERGED = replace(
         samples=48,
         rmse=0.0013,
     ),
-    scans=(ScanSummary("scan-1", "region-0", 48, 46, _PLAN.path.length, _PLAN.path.duration, 0.0014),),
+    scans=(ScanSummary("scan-1", "region-0", "region-0", 48, 46, _PLAN.path.length, _PLAN.path.duration, 0.0014),),
     budget_used=BudgetUsed(1, _PLAN.path.duration, 0.12),
     base_T_object=_CORRECTION @ _OBJECT,
 )
@@ -116,12 +119,19 @@ SUBMISSIONS: dict[str, dict[str, Any]] = {
     "gateway": {"gateway": {"device": "finger", "from": 1767225600.0, "to": 1767225601.6}},
     "skipped": {"skipped": "unreachable"},
 }
+PROGRESS = progress_to_json(ScanProgress(48, True, 0.0014, 0.0026))
+TELLINGS: dict[str, dict[str, Any]] = {
+    "chunk": {"from": 46, **SUBMISSIONS["samples"]},
+    "gateway": SUBMISSIONS["gateway"],
+}
 DOCUMENTS: dict[str, list[dict[str, Any]]] = {
     "SessionRequest": [MINIMAL_REQUEST, COMPLETE_REQUEST],
     "Session": [CREATED, CONVERGED],
     "SessionList": [{"sessions": [CONVERGED], "next": None}],
     "ScanPlan": [SCAN_PLAN],
+    "ScanProgress": [PROGRESS],
     "Submission": list(SUBMISSIONS.values()),
+    "Telling": list(TELLINGS.values()),
     "Health": [{"status": "ok"}],
 }
 """The examples of each schema."""

@@ -85,8 +85,9 @@ Estimate = extend_model(
     ),
 )
 Region = derive_model(session.Region, BaseModel)
-ScanSummary = derive_model(session.ScanSummary, BaseModel)
+ScanSummary = derive_model(session.ScanSummary, BaseModel, region_id=str | None)
 BudgetUsed = derive_model(session.BudgetUsed, BaseModel)
+ScanProgress = derive_model(session.ScanProgress, BaseModel)
 
 
 class Waypoint(BaseModel):
@@ -102,12 +103,17 @@ class ScanPlan(BaseModel):
     """A path for the fingertip: straight lines and slerp between waypoints."""
 
     scan_id: str = Field(description="Name of the scan, with which its samples are submitted.")
-    region_id: str = Field(description="Name of the region that the path follows.")
+    path_id: str = Field(
+        description="Name of what the path follows: a region's id for its perimeter or a part of it, line-1, .. "
+        "straight across the object, nearby-1, .. over the table or things beside the object."
+    )
+    region_id: str | None = Field(description="Name of the region that the path follows; null if it follows none.")
     waypoints: list[Waypoint] = Field(
         description="The path. The first and the last pose are reached along the beam, from above."
     )
     length: float = Field(description="Length of the tip's path, in metres.")
     duration: float = Field(description="Duration of the tip's path, in seconds.")
+    expected_returns: float = Field(description="Share of the samples that are expected to return a range, in [0, 1].")
 
 
 class Problem(BaseModel):
@@ -155,8 +161,20 @@ class Sample(StrictModel):
 class Samples(StrictModel):
     """A scan as measured."""
 
-    samples: Annotated[list[Sample], Field(min_length=1, max_length=MAX_SAMPLES)] = Field(
-        description="The samples of the scan, in the order of time, with tip poses in base."
+    samples: Annotated[list[Sample], Field(max_length=MAX_SAMPLES)] = Field(
+        description="The samples of the scan, in the order of time, with tip poses in base; where samples were told "
+        "during the scan, those that were not, or none."
+    )
+
+
+class SampleChunk(StrictModel):
+    """Samples of a scan that is under way."""
+
+    from_: Annotated[int, Field(ge=0, lt=2**31)] = Field(
+        alias="from", description="Number of the scan's samples before these: how many were told so far."
+    )
+    samples: Annotated[list[Sample], Field(max_length=MAX_SAMPLES)] = Field(
+        description="The samples, in the order of time, with tip poses in base; none to ask for the progress only."
     )
 
 
@@ -182,9 +200,9 @@ class Span(StrictModel):
 
 
 class GatewaySpan(StrictModel):
-    """A scan whose samples the sensor gateway holds."""
+    """Samples of a scan that the sensor gateway holds."""
 
-    gateway: Span = Field(description="The span of time in which the scan was made.")
+    gateway: Span = Field(description="The span of time in which they were measured.")
 
 
 class Skipped(StrictModel):
@@ -197,6 +215,7 @@ class Skipped(StrictModel):
 
 
 Submission = Samples | Points | GatewaySpan | Skipped
+Telling = SampleChunk | GatewaySpan
 
 
 class Health(BaseModel):

@@ -18,7 +18,19 @@ from pretouch_orchestrator.rest.problems import PROBLEM_TYPE
 
 _REFERENCE = "#/components/schemas/{model}"
 _REQUEST_MODELS = (models.SessionRequest,)
-_RESPONSE_MODELS = (models.Session, models.SessionList, models.ScanPlan, models.Problem, models.Health)
+_RESPONSE_MODELS = (
+    models.Session,
+    models.SessionList,
+    models.ScanPlan,
+    models.ScanProgress,
+    models.Problem,
+    models.Health,
+)
+_CHOICES: dict[str, tuple[Any, str]] = {
+    "Submission": (models.Submission, "The result of a scan, in one of four forms."),
+    "Telling": (models.Telling, "Samples of a scan under way, in one of two forms."),
+}
+"""Bodies of one of several forms, by the name of their schema."""
 _BEARER = {
     "type": "http",
     "scheme": "bearer",
@@ -69,9 +81,9 @@ def describe_creation_body() -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": content}}
 
 
-def describe_submission_body() -> dict[str, Any]:
-    """The JSON body of a scan."""
-    schema = {"$ref": _REFERENCE.format(model="Submission")}
+def describe_json_body(name: str) -> dict[str, Any]:
+    """A JSON body of one of several forms, whose schema has this name."""
+    schema = {"$ref": _REFERENCE.format(model=name)}
     return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
 
 
@@ -102,9 +114,10 @@ def _build_document(app: FastAPI, token: bool) -> dict[str, Any]:
     inputs = [(model, "validation") for model in _REQUEST_MODELS]
     outputs = [(model, "serialization") for model in _RESPONSE_MODELS]
     _, definitions = models_json_schema([*inputs, *outputs], ref_template=_REFERENCE)  # type: ignore[list-item]
-    submission = TypeAdapter(models.Submission).json_schema(ref_template=_REFERENCE)
-    submission["description"] = "The result of a scan, in one of four forms."
-    schemas = definitions["$defs"] | submission.pop("$defs") | {"Submission": submission}
+    schemas = dict(definitions["$defs"])
+    for name, (forms, description) in _CHOICES.items():
+        choice = TypeAdapter(forms).json_schema(ref_template=_REFERENCE)
+        schemas |= choice.pop("$defs") | {name: choice | {"description": description}}
     for name, documents in examples.DOCUMENTS.items():
         schemas[name]["examples"] = documents
     components = {"schemas": dict(sorted(schemas.items())), "securitySchemes": {"bearer": _BEARER}}

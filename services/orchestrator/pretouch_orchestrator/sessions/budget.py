@@ -1,12 +1,14 @@
-"""What a scan would cost, as a share of what is left of the session's budget."""
+"""Which scans the rest of a session's budget allows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Sequence
+
+import numpy as np
 
 from pretouch.exhaustion import Exhaustion
-from pretouch.trajectory import Trajectory
+from pretouch.geometry import Array
+from pretouch_orchestrator.planning.candidates import CandidatePath
 from pretouch_orchestrator.planning.coverage import CoveragePredictor
 from pretouch_orchestrator.sessions.record import Record
 
@@ -14,82 +16,62 @@ _COVERAGE_MARGIN = 0.2
 """Share by which a scan may cover more of the object than predicted."""
 _CORRECTION_MARGIN = 0.01
 """Share of the object by which the coverage of earlier scans may change with the next correction."""
-_PATH_SHARES = (1.0, 0.5, 0.25)
-"""Shares of a region's path that are tried, in this order, until the budget allows one."""
 
 
-class AffordablePath(NamedTuple):
-    """A path that the budget allows, over a region or over the beginning of its perimeter.
+def select_affordable(record: Record, candidates: Sequence[CandidatePath]) -> list[CandidatePath]:
+    """The candidates with those of their spans that the budget allows, and whose samples are not too many for a scan.
 
-    Attributes:
-        share: what it would use of what is left of its scarcest budget, at most 1.
+    Those without any are left out.
     """
-
-    region_id: str
-    path: Trajectory
-    share: float
-
-
-class _Cost(NamedTuple):
-    """The share that a scan would use of what is left of its scarcest budget; above 1 it is not affordable."""
-
-    share: float
-    scarcest: Exhaustion
-
-
-class _CostPredictor:
-    """Predicts the cost of scans along `paths`, all with the same orientation of the tip.
-
-    The predicted coverage is given a margin, except for the first scan: on a small object that one alone covers much,
-    and without it nothing would be known.
-    """
-
-    def __init__(self, record: Record, paths: Mapping[str, Trajectory]) -> None:
-        self._record = record
-        base_R_tip = next(iter(paths.values())).base_T_tip[0, :3, :3]
-        self._coverage = CoveragePredictor(record.corrected_cloud(), record.measured, record.request.sensor, base_R_tip)
-
-    def predict(self, path: Trajectory) -> _Cost:
-        budget, used = self._record.request.budget, self._record.budget_used
-        fraction = self._coverage.predict_fraction(path)
-        if self._record.scans:
-            fraction += _COVERAGE_MARGIN * max(fraction - used.fraction, 0.0) + _CORRECTION_MARGIN
-        shares = {
-            Exhaustion.SCANS: 1 / max(budget.scans - used.scans, 1e-9),
-            Exhaustion.SECONDS: path.duration / max(budget.seconds - used.seconds, 1e-9),
-            Exhaustion.FRACTION: max(fraction - used.fraction, 0.0) / max(budget.fraction - used.fraction, 1e-9),
-        }
-        scarcest = max(shares, key=shares.__getitem__)
-        return _Cost(shares[scarcest], scarcest)
-
-
-def select_affordable(record: Record, paths: Mapping[str, Trajectory]) -> list[AffordablePath]:
-    """Those of `paths`, by region id, that the budget allows, shortened where it does not allow all of the path."""
-    if not paths:
-        return []
-    costs = _CostPredictor(record, paths)
-    affordable = []
-    for region_id, path in paths.items():
-        for share in _PATH_SHARES:
-            shortened = path.beginning(share)
-            if (cost := costs.predict(shortened)).share <= 1:
-                affordable.append(AffordablePath(region_id, shortened, cost.share))
-                break
+    affordable, longest = [], record.request.sensor.longest_scan
+    for candidate, costs in zip(candidates, _predict_costs(record, candidates), strict=True):
+        short = np.array([end - start <= longest for start, end in candidate.spans])
+        allowed = np.flatnonzero((costs.max(axis=1) <= 1) & short)
+        if len(allowed):
+            affordable.append(candidate.with_spans([candidate.spans[k] for k in allowed]))
     return affordable
 
 
-def find_limit(record: Record, paths: Mapping[str, Trajectory]) -> Exhaustion:
-    """Why no further scan is planned, given that none of `paths` is affordable: a budget, or that there is no path.
+def find_limit(record: Record, candidates: Sequence[CandidatePath]) -> Exhaustion:
+    """Why no further scan is planned, given that none of the candidates is affordable: a budget, or that there is none.
 
-    Where different paths exceed different budgets, it is the budget that the cheapest path exceeds.
+    Where different scans exceed different budgets, it is the budget that the cheapest scan exceeds.
     """
     budget, used = record.request.budget, record.budget_used
     if used.scans >= budget.scans:
         return Exhaustion.SCANS
-    if paths:
-        costs = _CostPredictor(record, paths)
-        predicted = [costs.predict(path.beginning(_PATH_SHARES[-1])) for path in paths.values()]
-        return min(predicted, key=lambda cost: cost.share).scarcest
+    if candidates:
+        costs = np.concatenate(_predict_costs(record, candidates))
+        cheapest = costs[costs.max(axis=1).argmin()]
+        return (Exhaustion.SECONDS, Exhaustion.FRACTION)[int(cheapest.argmax())]
     if used.seconds >= budget.seconds:
         return Exhaustion.SECONDS
     return Exhaustion.FRACTION if used.fraction >= budget.fraction else Exhaustion.NOTHING_TO_GAIN
+
+
+def _predict_costs(record: Record, candidates: Sequence[CandidatePath]) -> list[Array]:
+    """For each candidate (k, 2): the shares that each of its spans would use of the seconds and the fraction left.
+
+    The predicted coverage is given a margin, except for the first scan: on a small object that one alone covers much,
+    and without it nothing would be known.
+    """
+    if not candidates:
+        return []
+    budget, used = record.request.budget, record.budget_used
+    base_R_tip = candidates[0].path.base_T_tip[0, :3, :3]
+    coverage = CoveragePredictor(record.corrected_cloud(), record.measured, record.request.sensor, base_R_tip)
+    costs = []
+    for candidate in candidates:
+        fraction = coverage.predict_fractions(candidate.path, candidate.spans)
+        if record.scans:
+            fraction += _COVERAGE_MARGIN * np.maximum(fraction - used.fraction, 0.0) + _CORRECTION_MARGIN
+        seconds = np.array([end - start for start, end in candidate.spans])
+        costs.append(
+            np.column_stack(
+                [
+                    seconds / max(budget.seconds - used.seconds, 1e-9),
+                    np.maximum(fraction - used.fraction, 0.0) / max(budget.fraction - used.fraction, 1e-9),
+                ]
+            )
+        )
+    return costs

@@ -15,7 +15,7 @@ def end_session(record: Record, state: State, reason: dict[str, Any] | None = No
     """Ends the session, `reason` being a problem document; one that has already ended is returned unchanged."""
     if record.state.ended:
         return record
-    return replace(record, state=state, next_scan=None, reason=reason)
+    return replace(record, state=state, next_scan=None, told=(), reason=reason)
 
 
 def is_explained(estimate: Estimate) -> bool:
@@ -25,7 +25,7 @@ def is_explained(estimate: Estimate) -> bool:
 
 def has_converged(record: Record) -> bool:
     """Whether the tolerance's quantile of the object's mean point error is within its error, the samples explained."""
-    return is_explained(record.estimate) and _error_quantile(record) <= record.request.tolerance.error
+    return is_explained(record.estimate) and error_quantile(record) <= record.request.tolerance.error
 
 
 def exhaust_session(record: Record, limit: Exhaustion) -> Record:
@@ -49,7 +49,7 @@ def _find_cause(record: Record, limit: Exhaustion) -> Exhaustion:
     return limit
 
 
-def _error_quantile(record: Record) -> float:
+def error_quantile(record: Record) -> float:
     """m: the tolerance's quantile of the object's mean point error."""
     tolerance, estimate = record.request.tolerance, record.estimate
     if tolerance.confidence == 0.95:
@@ -108,14 +108,11 @@ def _describe_fraction(record: Record) -> tuple[str, str]:
 
 
 def _describe_nothing_to_gain(record: Record) -> tuple[str, str]:
-    scanned = len({scan.region_id for scan in record.scans})
-    skipped, regions = len(record.skipped), len(record.regions)
+    scanned, skipped = len(record.scans), len(record.skipped)
     detail = (
-        f"Of {_pluralize(regions, 'region')} the finger scanned {scanned} and could not reach {skipped}; a scan of the "
-        f"other {regions - scanned - skipped} is impossible or would give no information."
+        f"After {_pluralize(scanned, 'scan')}, and {_pluralize(skipped, 'path')} that the finger could not reach, no "
+        "further scan would tell much."
     )
-    if not regions:
-        detail = f"The proposer {record.proposer.value} found 0 regions that are worth a scan."
     return (
         f"{detail} {_describe_accuracy(record)}",
         "Choose another proposer, check that the mask covers the object, make more of it reachable, or request a "
@@ -124,7 +121,7 @@ def _describe_nothing_to_gain(record: Record) -> tuple[str, str]:
 
 
 def _describe_accuracy(record: Record) -> str:
-    tolerance, error = record.request.tolerance, _error_quantile(record)
+    tolerance, error = record.request.tolerance, error_quantile(record)
     return (
         f"At {100 * tolerance.confidence:.4g} % confidence the error is at most {1000 * error:.1f} mm; "
         f"{1000 * tolerance.error:g} mm were requested."

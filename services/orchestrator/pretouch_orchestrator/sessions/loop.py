@@ -4,56 +4,63 @@ from __future__ import annotations
 
 import asyncio
 import zlib
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import structlog
 from numpy.typing import NDArray
 
 from pretouch.camera import DepthImage
-from pretouch.errors import InvalidInput, Unavailable
-from pretouch.estimate import from_prior
+from pretouch.errors import Unavailable
+from pretouch.estimate import Estimate, from_prior
 from pretouch.exhaustion import Exhaustion
+from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
-from pretouch.session import GatewaySpan, Region, SessionRequest, Skipped, State, Submission
+from pretouch.session import GatewaySpan, Planner, Points, Region, SessionRequest, Skipped, State, Submission
 from pretouch.tof import RangeSamples, Scan
-from pretouch.trajectory import Trajectory
 from pretouch_orchestrator.perception.clusters import find_specks
 from pretouch_orchestrator.perception.segmentation import find_object
-from pretouch_orchestrator.planning.path import plan_paths
-from pretouch_orchestrator.planning.tip_floor import SAFE, Margins
+from pretouch_orchestrator.planning.candidates import CandidatePath
+from pretouch_orchestrator.planning.planner import Option
 from pretouch_orchestrator.sessions.budget import find_limit, select_affordable
 from pretouch_orchestrator.sessions.endings import end_session, exhaust_session, has_converged
+from pretouch_orchestrator.sessions.progress import Assessment
 from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.sessions.told import complete_from_gateway, complete_with_rest
 from pretouch_orchestrator.sessions.transitions import (
     apply_scan,
+    choose_option,
+    choose_unpredicted,
     drop_faulty_modules,
     get_pending_plan,
-    list_open_regions,
-    plan_next,
+    is_predicted,
+    plan_nearby,
+    plan_over_object,
+    plan_scan,
     scan_from_submission,
+    shortlist_options,
     skip_scan,
+    update_regions,
 )
 from pretouch_orchestrator.upstream.interfaces import Detector, Gateway, Registrar
 
-_CROP_MARGIN = 0.08
+_log = structlog.get_logger()
+_CROP_MARGIN = 0.14
 """m around the object that the crop keeps, besides three standard deviations of the prior."""
-_MAX_REGIONS = 20
+_MAX_REGIONS = 12
 
 
 class Loop:
     """Advances sessions. It keeps no state: records are immutable, and each step returns a new one.
 
     Args:
-        margins: the distance that planned paths keep from the surface.
         gateway: None where the orchestrator was started without one.
     """
 
-    def __init__(
-        self, detector: Detector, registrar: Registrar, margins: Margins = SAFE, gateway: Gateway | None = None
-    ) -> None:
+    def __init__(self, detector: Detector, registrar: Registrar, gateway: Gateway | None = None) -> None:
         self._detector = detector
         self._registrar = registrar
-        self._margins = margins
         self._gateway = gateway
 
     async def open(
@@ -99,53 +106,103 @@ class Loop:
         if isinstance(submission, Skipped):
             return await self._plan_or_end(skip_scan(record, plan))
         if isinstance(submission, GatewaySpan):
-            submission = await self._fetch_samples(submission)
-        kept, sensor_problem = await asyncio.to_thread(drop_faulty_modules, record, submission)
-        scan = Scan.concatenate([]) if sensor_problem else scan_from_submission(record, kept)
-        request = record.request
-        scans = replace(record, measured=(*record.measured, scan)).registrable_scans
-        if sensor_problem:
-            estimate = replace(record.estimate, sensor_problem=sensor_problem)
-        elif scans:
-            estimate = await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+            fetched = await self.fetch_samples(submission)
+            submission = complete_from_gateway(record, submission, fetched)
         else:
-            estimate = record.estimate
+            submission = complete_with_rest(record, submission)
+        scan, estimate = await self._register(record, submission)
         after = await asyncio.to_thread(apply_scan, record, plan, submission, scan, estimate)
         if record.estimate.sensor_problem and estimate.sensor_problem:
             return exhaust_session(after, Exhaustion.SENSOR)
         return await self._plan_or_end(after)
 
-    async def _fetch_samples(self, span: GatewaySpan) -> RangeSamples:
+    async def assess(self, record: Record) -> Assessment:
+        """What the session would be if its pending scan ended with the samples told so far.
+
+        Raises:
+            PretouchError: what the registrar raised.
+        """
+        _, estimate = await self._register(record, record.told_samples)
+        return Assessment.of(record, estimate)
+
+    async def _register(self, record: Record, submission: RangeSamples | Points) -> tuple[Scan, Estimate]:
+        """The scan without the samples of faulty modules, and the estimate from all scans, this one included."""
+        kept, faults = await asyncio.to_thread(drop_faulty_modules, record, submission)
+        if faults and isinstance(kept, RangeSamples) and len(kept) == 0:
+            return Scan.concatenate([]), replace(record.estimate, sensor_problem=faults)
+        if faults:
+            _log.warning("modules of the sensor are left out", session=record.id, problem=faults)
+        scan = scan_from_submission(record, kept)
+        scans = replace(record, measured=(*record.measured, scan)).registrable_scans
+        if not scans:
+            return scan, record.estimate
+        request = record.request
+        return scan, await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+
+    async def fetch_samples(self, span: GatewaySpan) -> RangeSamples:
+        """The gateway's samples of the span; raises what the gateway raised, and `Unavailable` where there is none."""
         if self._gateway is None:
             raise Unavailable(
                 "This orchestrator has no sensor gateway.",
                 "Send the samples themselves, or start it with PRETOUCH_ORCHESTRATOR_GATEWAY=host:port.",
             )
-        samples = await self._gateway.get_samples(span)
-        if len(samples) == 0:
-            raise InvalidInput(
-                f"The gateway has no samples from {span.start:.6f} to {span.end:.6f} s.",
-                "Give a span, by the clock of the gateway's host, during which the gateway was sent tip poses.",
-            )
-        return samples
+        return await self._gateway.get_samples(span)
 
     async def _plan_or_end(self, record: Record) -> Record:
         """Plans the session's next scan, or ends the session."""
         if has_converged(record):
             return end_session(record, State.CONVERGED)
-        paths = await asyncio.to_thread(_plan_open_paths, record, self._margins)
+        if record.budget_used.scans >= record.request.budget.scans:
+            return exhaust_session(record, Exhaustion.SCANS)
+        paths = await asyncio.to_thread(plan_over_object, record)
         affordable = await asyncio.to_thread(select_affordable, record, paths)
-        if not affordable:
-            return exhaust_session(record, await asyncio.to_thread(find_limit, record, paths))
+        options = await self._predict(record, affordable)
+        record = update_regions(record, options)
+        best = await self._choose(record, options)
+        if best is not None:
+            return plan_scan(record, best)
+        if any(option.visible for option in options):
+            return exhaust_session(record, Exhaustion.NOTHING_TO_GAIN)
+        limit = Exhaustion.OUT_OF_RANGE if affordable else await asyncio.to_thread(find_limit, record, paths)
+        return exhaust_session(record, limit)
+
+    async def _choose(self, record: Record, options: Sequence[Option]) -> Option | None:
+        """The scan to make next: one over the object that sees well, or one beside it, or one that sees enough."""
+        if not is_predicted(record, options):
+            return choose_unpredicted(record, options)
+        best = None
+        if record.request.planner is Planner.INFORMATION:
+            best = await self._choose_carefully(record, [option for option in options if option.well_visible])
+            if best is None and options:
+                nearby = await self._predict(record, await asyncio.to_thread(plan_nearby, record))
+                best = await self._choose_carefully(record, [option for option in nearby if option.well_visible])
+        return best or await self._choose_carefully(record, [option for option in options if option.visible])
+
+    async def _choose_carefully(self, record: Record, options: Sequence[Option]) -> Option | None:
+        """The best of the options, after the best few are predicted alone, which the registrar does with more care."""
+        alone = [option.alone() for option in shortlist_options(record, options)]
+        careful = [option for option in await self._predict(record, alone) if option.visible]
+        return choose_option(record, careful)
+
+    async def _predict(self, record: Record, candidates: Sequence[CandidatePath]) -> list[Option]:
+        """Every span of the candidates, with what its scan is predicted to bring."""
+        if not candidates:
+            return []
         request = record.request
-        expected_errors = await self._registrar.predict(
+        predicted = await self._registrar.predict(
             record.scene,
             record.registrable_scans,
             request.prior,
             request.sensor,
-            [option.path for option in affordable],
+            [Candidate(candidate.path, candidate.spans) for candidate in candidates],
         )
-        return plan_next(record, affordable, expected_errors)
+        modules = len(request.sensor.tip_T_module)
+        confidences = {region.id: region.confidence for region in record.regions}
+        return [
+            Option(candidate, span, prediction, confidences.get(candidate.region_id or "", 0.0), modules)
+            for candidate, predictions in zip(candidates, predicted, strict=True)
+            for span, prediction in zip(candidate.spans, predictions, strict=True)
+        ]
 
 
 def prepare_scene(
@@ -160,13 +217,3 @@ def prepare_scene(
     metres = scene.depth.metres
     cleaned = np.where(find_specks(metres, scene.camera.fx) & ~scene.mask, 0, metres)
     return replace(scene, depth=DepthImage(cleaned)), origin
-
-
-def _plan_open_paths(record: Record, margins: Margins) -> dict[str, Trajectory]:
-    """By region id: the paths of the open regions whose perimeter crosses the object."""
-    regions = list_open_regions(record)
-    u0, v0 = record.origin
-    rectangles = [region.rectangle.shifted(-u0, -v0) for region in regions]
-    settings = record.request.scan
-    paths = plan_paths(record.scene, rectangles, record.estimate, settings, margins) if regions else []
-    return {region.id: path for region, path in zip(regions, paths, strict=True) if path is not None}

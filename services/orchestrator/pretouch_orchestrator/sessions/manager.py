@@ -19,12 +19,25 @@ from numpy.typing import NDArray
 from pretouch.camera import DepthImage
 from pretouch.errors import Conflict, Internal, InvalidInput, PretouchError, problem
 from pretouch.serving import ServiceContext
-from pretouch.session import Session, SessionRequest, State, Submission
+from pretouch.session import (
+    GatewaySpan,
+    SampleChunk,
+    ScanProgress,
+    Session,
+    SessionRequest,
+    State,
+    Submission,
+    Telling,
+)
+from pretouch.tof import RangeSamples
 from pretouch.wire.session import request_to_proto
 from pretouch_orchestrator.sessions.endings import end_session
 from pretouch_orchestrator.sessions.events import Broker, derive_events
 from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.progress import ScanAssessments
 from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.sessions.told import add_told, check_open
+from pretouch_orchestrator.sessions.transitions import get_pending_plan
 from pretouch_orchestrator.store.protocol import Event, KeyedRequest, Store
 
 DEFAULT_PAGE, MAX_PAGE = 50, 200
@@ -50,6 +63,7 @@ class SessionManager:
         self._loop = loop
         self._context = context
         self._broker = Broker(store)
+        self._assessments = ScanAssessments(loop, context.log)
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self._cache: OrderedDict[str, Record] = OrderedDict()
         self._steps: set[asyncio.Task[Any]] = set()
@@ -105,6 +119,30 @@ class SessionManager:
         with structlog.contextvars.bound_contextvars(session=session_id, scan=scan_id):
             return await self._run_step("scan", self._submit(session_id, scan_id, submission))
 
+    async def tell(self, session_id: str, scan_id: str, read: Callable[[], Awaitable[Telling]]) -> ScanProgress:
+        """Takes samples of the planned scan while the robot moves; the scan's progress.
+
+        Samples are stored before the answer, which waits for their assessment only for a moment. What was told before
+        counts once.
+
+        Args:
+            read: reads and decodes what the client sent; not called for a scan that takes no samples.
+
+        Raises:
+            NotFound: no such session or scan.
+            Conflict: the session has ended, the scan is closed, or samples before these are missing.
+            InvalidInput: the samples cannot be used.
+            Unavailable: the gateway is not available; the session is unchanged.
+        """
+        record = self._cache.get(session_id) or await self._store.load_record(session_id)
+        check_open(record, scan_id)
+        get_pending_plan(record, scan_id)
+        with structlog.contextvars.bound_contextvars(session=session_id, scan=scan_id):
+            telling = await read()
+            told = await self._loop.fetch_samples(telling) if isinstance(telling, GatewaySpan) else telling
+            record = await self._run_step("tell", self._tell(session_id, scan_id, told))
+            return await self._assessments.get_progress(record)
+
     async def cancel(self, session_id: str) -> Session:
         """Cancels a session; one that has already ended keeps its state.
 
@@ -146,6 +184,7 @@ class SessionManager:
         for task in self._steps:
             task.cancel()
         await asyncio.gather(*self._steps, return_exceptions=True)
+        await self._assessments.close()
 
     async def _create(
         self,
@@ -188,6 +227,8 @@ class SessionManager:
     async def _submit(self, session_id: str, scan_id: str, submission: Submission) -> Session:
         async with self._lock(session_id):
             record = await self._load_record(session_id)
+            if scan_id not in record.answered:
+                self._assessments.drop(session_id)
             try:
                 after = await self._loop.advance(record, scan_id, submission)
             except Exception as error:
@@ -202,9 +243,23 @@ class SessionManager:
             self._answered.labels(type(submission).__name__).inc()
             return session
 
+    async def _tell(self, session_id: str, scan_id: str, told: SampleChunk | RangeSamples) -> Record:
+        async with self._lock(session_id):
+            record = await self._load_record(session_id)
+            check_open(record, scan_id)
+            get_pending_plan(record, scan_id)
+            after = add_told(record, told)
+            if after is not record:
+                self._cache.pop(session_id, None)
+                await self._store.update(after, [])
+                self._cache_record(after)
+            self._assessments.start(after)
+            return after
+
     async def _cancel(self, session_id: str) -> Session:
         async with self._lock(session_id):
             record = await self._load_record(session_id)
+            self._assessments.drop(session_id)
             after = end_session(record, State.CANCELLED)
             return record.to_session() if after is record else await self._commit(record, after)
 

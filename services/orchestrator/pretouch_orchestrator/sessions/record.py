@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Pose
 from pretouch.scene import Scene
 from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, Session, SessionRequest, State
-from pretouch.tof import Scan
+from pretouch.tof import RangeSamples, Scan
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +25,7 @@ class Record:
         origin: first pixel (u0, v0) of `scene` in the client's image; `regions` are in the client's pixels.
         measured: the beams of each scan in `scans`, in the same order, without those of faulty modules.
         skipped: ids of regions that could not be reached.
+        told: samples of `next_scan` that were told while the robot moves, in the order in which they were told.
         answered: ids of the scans that the client has submitted or skipped.
         reason: a problem document, set when the session is exhausted or failed.
     """
@@ -41,6 +43,7 @@ class Record:
     scans: tuple[ScanSummary, ...] = ()
     measured: tuple[Scan, ...] = ()
     skipped: tuple[str, ...] = ()
+    told: tuple[RangeSamples, ...] = ()
     answered: tuple[str, ...] = ()
     budget_used: BudgetUsed = field(default_factory=BudgetUsed)
     reason: dict[str, Any] | None = None
@@ -55,6 +58,11 @@ class Record:
         if not any(scan.returned.any() for scan in self.measured):
             return ()
         return tuple(scan for scan in self.measured if len(scan))
+
+    @cached_property
+    def told_samples(self) -> RangeSamples:
+        """All samples that were told of `next_scan`, in the order of time."""
+        return RangeSamples.merge(self.told)
 
     def corrected_cloud(self) -> Array:
         """(n, 3), m, in base: the object's points, corrected by the present estimate."""

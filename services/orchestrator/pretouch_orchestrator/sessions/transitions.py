@@ -5,17 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pretouch.errors import Conflict, InvalidInput, NotFound
+import numpy as np
+
+from pretouch.errors import Conflict, NotFound
 from pretouch.estimate import Estimate
-from pretouch.exhaustion import Exhaustion
-from pretouch.session import Points, Region, ScanPlan, ScanSummary
+from pretouch.session import Planner, Points, ScanPlan, ScanSummary
 from pretouch.tof import RangeSamples, Scan
 from pretouch_orchestrator.perception.sensor_check import diagnose, drop_modules, summarize
+from pretouch_orchestrator.planning.candidates import (
+    FIRST_PIECES,
+    MAX_NEARBY,
+    NEARBY,
+    PIECES,
+    CandidatePath,
+    plan_nearby_paths,
+    plan_object_paths,
+)
 from pretouch_orchestrator.planning.coverage import find_scanned
-from pretouch_orchestrator.planning.planner import Candidate, choose
-from pretouch_orchestrator.sessions.budget import AffordablePath
-from pretouch_orchestrator.sessions.endings import exhaust_session
+from pretouch_orchestrator.planning.path import PathPlanner
+from pretouch_orchestrator.planning.planner import Need, Option, choose, shortlist
+from pretouch_orchestrator.planning.surroundings import BEYOND
+from pretouch_orchestrator.sessions.endings import error_quantile
 from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.sessions.told import measure_flight
 
 
 def get_pending_plan(record: Record, scan_id: str) -> ScanPlan:
@@ -35,32 +47,24 @@ def get_pending_plan(record: Record, scan_id: str) -> ScanPlan:
 
 
 def drop_faulty_modules(record: Record, submission: RangeSamples | Points) -> tuple[RangeSamples | Points, str]:
-    """The submission without the samples of faulty modules, and what is wrong if no sample is left ("" otherwise)."""
+    """The submission without the samples of faulty modules, and what is wrong with them ("" if there are none)."""
     if isinstance(submission, Points):
         return submission, ""
     diagnoses = diagnose(submission, record.request.sensor, record.scene, record.estimate, record.measured)
     kept = drop_modules(submission, [diagnosis.module for diagnosis in diagnoses])
-    return kept, summarize(diagnoses) if diagnoses and len(kept) == 0 else ""
+    return kept, summarize(diagnoses) if diagnoses else ""
 
 
 def scan_from_submission(record: Record, submission: RangeSamples | Points) -> Scan:
     """The submission as beams in base.
 
     Raises:
-        InvalidInput: it is empty, or it does not fit the session's sensor.
+        InvalidInput: it does not fit the session's sensor.
     """
     if isinstance(submission, Points):
         down = -record.scene.table.moved(record.estimate.base_T_correction).normal
-        scan = Scan.of_points(submission.points, down)
-    else:
-        scan = submission.beams(record.request.sensor)
-    if len(scan) == 0:
-        raise InvalidInput(
-            "The scan is empty.",
-            'Send all of its samples, those without a return included, or {"skipped": "unreachable"} if the robot '
-            "cannot make it.",
-        )
-    return scan
+        return Scan.of_points(submission.points, down)
+    return submission.beams(record.request.sensor)
 
 
 def apply_scan(
@@ -69,20 +73,19 @@ def apply_scan(
     """Adds a scan to the session: its beams, its summary and its cost.
 
     Args:
-        submission: all that the client sent.
+        submission: all that the client sent, samples that it told before included.
         scan: the part of it that is used.
         estimate: the estimate from all scans, this one included.
     """
-    duration, samples = plan.path.duration, len(scan)
-    if isinstance(submission, RangeSamples):
-        duration, samples = max(duration, float(submission.t[-1] - submission.t[0])), len(submission)
+    flight = measure_flight(record, plan, submission)
     summary = ScanSummary(
         scan_id=plan.scan_id,
+        path_id=plan.path_id,
         region_id=plan.region_id,
-        samples=samples,
+        samples=len(submission) if isinstance(submission, RangeSamples) else len(scan),
         returns=int(scan.returned.sum()),
-        length=plan.path.length,
-        duration=duration,
+        length=flight.length,
+        duration=flight.duration,
         expected_error=estimate.expected_error,
     )
     record = replace(
@@ -92,50 +95,117 @@ def apply_scan(
         measured=(*record.measured, scan),
         answered=(*record.answered, plan.scan_id),
         next_scan=None,
+        told=(),
     )
     budget_used = replace(
         record.budget_used,
         scans=len(record.scans),
-        seconds=record.budget_used.seconds + duration,
+        seconds=record.budget_used.seconds + flight.duration,
         fraction=float(find_scanned(record.corrected_cloud(), record.measured).mean()),
     )
     return replace(record, budget_used=budget_used)
 
 
 def skip_scan(record: Record, plan: ScanPlan) -> Record:
-    """Closes a scan that the robot could not make: it costs nothing, and its region is not planned again."""
+    """Closes a scan that the robot could not make: it costs nothing, and its path is not planned again.
+
+    Samples that were told of it are dropped.
+    """
     return replace(
         record,
-        skipped=(*record.skipped, plan.region_id),
+        skipped=(*record.skipped, plan.path_id),
         answered=(*record.answered, plan.scan_id),
         next_scan=None,
+        told=(),
     )
 
 
-def list_open_regions(record: Record) -> tuple[Region, ...]:
-    """The regions that can still be planned: those neither scanned nor skipped; none once all scans are used up."""
-    if record.budget_used.scans >= record.request.budget.scans:
-        return ()
-    closed = {*record.skipped, *(scan.region_id for scan in record.scans)}
-    return tuple(region for region in record.regions if region.id not in closed)
+def plan_over_object(record: Record) -> list[CandidatePath]:
+    """The paths over the object that are still open."""
+    planner = PathPlanner(record.scene, record.estimate, record.request.scan)
+    pieces: tuple[float, ...] = ()
+    if record.request.planner is Planner.INFORMATION:
+        pieces = PIECES if record.registrable_scans else FIRST_PIECES
+    return plan_object_paths(planner, record.regions, record.origin, pieces, _list_closed(record))
 
 
-def plan_next(record: Record, affordable: Sequence[AffordablePath], expected_errors: Sequence[float]) -> Record:
-    """Updates each region's expected error and plans the best scan; exhausts the session if there is none.
+def _list_closed(record: Record) -> set[str]:
+    """Ids of the paths that are not planned again: skipped ones, and those of which a scan returned nothing.
 
-    Args:
-        affordable: the paths to choose from.
-        expected_errors: m, predicted after each of them, in the same order. A scan of any other region is taken to
-            leave the error as it is.
+    The confidence planner plans no path twice.
     """
-    predicted = {option.region_id: error for option, error in zip(affordable, expected_errors, strict=True)}
+    whole = record.request.planner is Planner.CONFIDENCE
+    return {*record.skipped, *(scan.path_id for scan in record.scans if whole or not scan.returns)}
+
+
+def plan_nearby(record: Record) -> list[CandidatePath]:
+    """The paths beside the object that are still open and that the seconds left allow.
+
+    None after MAX_NEARBY of them: what those could not tell, further ones will not tell either.
+    """
+    if sum(scan.path_id.startswith(NEARBY) for scan in record.scans) >= MAX_NEARBY:
+        return []
+    planner = PathPlanner(record.scene, record.estimate, record.request.scan, BEYOND)
+    paths = plan_nearby_paths(record.scene, planner, record.request.sensor.range_max, _list_closed(record))
+    left = record.request.budget.seconds - record.budget_used.seconds
+    return [path for path in paths if path.path.duration <= left]
+
+
+def update_regions(record: Record, options: Sequence[Option]) -> Record:
+    """Updates each region's expected error to that after a scan of as much of its perimeter as the options hold.
+
+    A scan of any other region is taken to leave the error as it is.
+    """
     present = record.estimate.expected_error
+    longest: dict[str, Option] = {}
+    for option in options:
+        region = option.candidate.region_id
+        if region is not None and (region not in longest or option.seconds > longest[region].seconds):
+            longest[region] = option
+    predicted = {region: option.prediction.expected_error for region, option in longest.items()}
     regions = tuple(replace(region, expected_error=predicted.get(region.id, present)) for region in record.regions)
-    record = replace(record, regions=regions)
-    by_id = {region.id: region for region in regions}
-    candidates = [Candidate(by_id[option.region_id], option.path, option.share) for option in affordable]
-    best = choose(candidates, record.request.planner, present)
-    if best is None:
-        return exhaust_session(record, Exhaustion.NOTHING_TO_GAIN)
-    scan_id = f"scan-{len(record.answered) + 1}"
-    return replace(record, next_scan=ScanPlan(scan_id, best.region.id, best.path))
+    return replace(record, regions=regions)
+
+
+def shortlist_options(record: Record, options: Sequence[Option]) -> list[Option]:
+    """The best of the options, to be predicted more carefully."""
+    return shortlist(options, record.request.planner, _describe_need(record))
+
+
+def choose_option(record: Record, options: Sequence[Option]) -> Option | None:
+    """The best of the options; None if none is worth making."""
+    return choose(options, record.request.planner, _describe_need(record))
+
+
+def is_predicted(record: Record, options: Sequence[Option]) -> bool:
+    """Whether the registrar's engine predicts errors: one that cannot foretells the present one of all scans."""
+    present = record.estimate.expected_error
+    return any(option.prediction.expected_error != present for option in options)
+
+
+def choose_unpredicted(record: Record, options: Sequence[Option]) -> Option | None:
+    """The best by the proposer's confidence of the visible options over regions that have not been scanned."""
+    scanned = {scan.region_id for scan in record.scans}
+    fresh = [each for each in options if each.visible and each.candidate.region_id not in {None, *scanned}]
+    return choose(fresh, Planner.CONFIDENCE, _describe_need(record))
+
+
+def plan_scan(record: Record, option: Option) -> Record:
+    """Plans the scan."""
+    candidate = option.alone()
+    plan = ScanPlan(
+        scan_id=f"scan-{len(record.answered) + 1}",
+        path_id=candidate.id,
+        region_id=candidate.region_id,
+        path=candidate.path,
+        expected_returns=option.prediction.expected_returns,
+    )
+    return replace(record, next_scan=plan)
+
+
+def _describe_need(record: Record) -> Need:
+    return Need(
+        record.estimate.expected_error,
+        float(np.log(error_quantile(record) / record.request.tolerance.error)),
+        record.request.budget.scans - record.budget_used.scans,
+    )

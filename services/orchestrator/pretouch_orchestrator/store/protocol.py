@@ -44,7 +44,7 @@ class Store(Protocol):
         ...
 
     async def update(self, record: Record, events: Sequence[NewEvent]) -> None:
-        """Stores the session's new state, its new scans and its new events."""
+        """Stores the session's new state, its new scans, newly told samples of the next one, and its new events."""
         ...
 
     async def load_record(self, session_id: str) -> Record:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pretouch.session import Session
-from pretouch.tof import Scan
+from pretouch.tof import RangeSamples, Scan
 from pretouch.v1 import common_pb2, orchestrator_pb2
 from pretouch.wire import common, session
 from pretouch_orchestrator.sessions.record import Record
@@ -37,6 +37,10 @@ def changing_columns(record: Record) -> dict[str, Any]:
     }
 
 
+def samples_column(samples: RangeSamples) -> bytes:
+    return common.samples_to_proto(samples).SerializeToString()
+
+
 def beams_column(scan: Scan) -> bytes:
     return common.scan_to_proto(scan).SerializeToString()
 
@@ -45,8 +49,8 @@ def session_from_view(view: bytes) -> Session:
     return session.session_from_proto(orchestrator_pb2.Session.FromString(view))
 
 
-def record_from_columns(columns: dict[str, Any], beams: Iterable[bytes]) -> Record:
-    """The record with these columns; `beams`: those of its scans, in order."""
+def record_from_columns(columns: dict[str, Any], beams: Iterable[bytes], told: Iterable[bytes]) -> Record:
+    """The record with these columns; `beams`: those of its scans, and `told`: the samples of the next one, in order."""
     view = session_from_view(columns["view"])
     request, _, _ = session.request_from_proto(orchestrator_pb2.CreateSessionRequest.FromString(columns["request"]))
     u0, v0 = json.loads(columns["origin"])
@@ -64,6 +68,7 @@ def record_from_columns(columns: dict[str, Any], beams: Iterable[bytes]) -> Reco
         scans=view.scans,
         measured=tuple(common.scan_from_proto(common_pb2.Scan.FromString(blob)) for blob in beams),
         skipped=tuple(json.loads(columns["skipped"])),
+        told=tuple(common.samples_from_proto(common_pb2.Samples.FromString(blob)) for blob in told),
         answered=tuple(json.loads(columns["answered"])),
         budget_used=view.budget_used,
         reason=view.reason,

@@ -24,6 +24,7 @@ from pretouch_orchestrator.store.rows import (
     changing_columns,
     fixed_columns,
     record_from_columns,
+    samples_column,
     session_from_view,
 )
 
@@ -70,7 +71,10 @@ class SqliteStore:
     async def load_record(self, session_id: str) -> Record:
         row = await self._read_one("SELECT * FROM session WHERE id = ?", session_id)
         beams = await self._read("SELECT beams FROM scan WHERE session = ? ORDER BY position", (row["number"],))
-        return await asyncio.to_thread(record_from_columns, dict(row), [scan["beams"] for scan in beams])
+        told = await self._read("SELECT samples FROM told WHERE session = ? ORDER BY position", (row["number"],))
+        return await asyncio.to_thread(
+            record_from_columns, dict(row), [scan["beams"] for scan in beams], [chunk["samples"] for chunk in told]
+        )
 
     async def load_session(self, session_id: str) -> Session:
         return session_from_view((await self._read_one("SELECT view FROM session WHERE id = ?", session_id))["view"])
@@ -198,15 +202,20 @@ async def _find_number(db: aiosqlite.Connection, session_id: str) -> int:
 
 
 async def _append(db: aiosqlite.Connection, number: int, record: Record, events: Sequence[NewEvent]) -> None:
-    """Inserts the scans that are not stored yet, and the events."""
-    ((kept, last_event),) = await db.execute_fetchall(
-        "SELECT (SELECT count(*) FROM scan WHERE session = :n), "
+    """Inserts the scans and told samples that are not stored yet, and the events; drops those told of a closed one."""
+    ((kept, told, last_event),) = await db.execute_fetchall(
+        "SELECT (SELECT count(*) FROM scan WHERE session = :n), (SELECT count(*) FROM told WHERE session = :n), "
         "(SELECT coalesce(max(id), 0) FROM event WHERE session = :n)",
         {"n": number},
     )
     for position in range(kept, len(record.measured)):
         values = (number, position, beams_column(record.measured[position]))
         await _execute(db, "INSERT INTO scan (session, position, beams) VALUES (?, ?, ?)", values)
+    if not record.told:
+        await _execute(db, "DELETE FROM told WHERE session = ?", (number,))
+    for position in range(told, len(record.told)):
+        values = (number, position, samples_column(record.told[position]))
+        await _execute(db, "INSERT INTO told (session, position, samples) VALUES (?, ?, ?)", values)
     for event_id, event in enumerate(events, start=last_event + 1):
         row = (number, event_id, event.type, json.dumps(event.data))
         await _execute(db, "INSERT INTO event (session, id, type, data) VALUES (?, ?, ?, ?)", row)

@@ -6,17 +6,18 @@ from collections.abc import Sequence
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from pretouch.errors import Internal, Unavailable
+from pretouch.errors import Unavailable
 from pretouch.estimate import Estimate, Prior
 from pretouch.rectangle import ProposedRegion
+from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
 from pretouch.session import GatewaySpan, Proposer
 from pretouch.tof import RangeSamples, Scan, Sensor
-from pretouch.trajectory import Trajectory
 from pretouch.v1 import common_pb2, detector_pb2, detector_pb2_grpc, registrar_pb2, registrar_pb2_grpc
 from pretouch.v1 import sensor_gateway_pb2 as gateway_pb2
 from pretouch.v1 import sensor_gateway_pb2_grpc as gateway_pb2_grpc
 from pretouch.wire import common
+from pretouch.wire.scan_prediction import candidate_to_proto, predictions_from_proto
 from pretouch_orchestrator.upstream.connection import UpstreamConnection
 
 _QUICK, _LONG = 10.0, 30.0
@@ -98,27 +99,17 @@ class RegistrarClient:
         return common.estimate_from_proto(answer.estimate)
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
-    ) -> list[float]:
+        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+    ) -> list[list[Prediction]]:
         """See `interfaces.Registrar`."""
         request = registrar_pb2.PredictScansRequest(
             scene=self._scenes.pack(scene),
             scans=[common.scan_to_proto(scan) for scan in scans],
             settings=_settings_to_proto(prior, sensor),
-            candidates=[
-                registrar_pb2.CandidatePath(
-                    base_t_tip=common.array_to_proto(path.base_T_tip, "f8"), t=common.array_to_proto(path.t, "f8")
-                )
-                for path in candidates
-            ],
+            candidates=[candidate_to_proto(candidate) for candidate in candidates],
         )
         answer = await self._upstream.call(self._stub.PredictScans, request, _LONG)
-        if len(answer.expected_errors) != len(candidates):
-            raise Internal(
-                f"The registrar predicted {len(answer.expected_errors)} of {len(candidates)} candidates.",
-                "Run the registrar and the orchestrator in the same version.",
-            )
-        return list(answer.expected_errors)
+        return predictions_from_proto(answer, candidates)
 
 
 def _settings_to_proto(prior: Prior, sensor: Sensor) -> registrar_pb2.RegistrationSettings:

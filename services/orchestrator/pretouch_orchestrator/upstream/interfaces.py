@@ -7,10 +7,10 @@ from typing import Protocol
 
 from pretouch.estimate import Estimate, Prior
 from pretouch.rectangle import ProposedRegion
+from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
 from pretouch.session import GatewaySpan, Proposer
 from pretouch.tof import RangeSamples, Scan, Sensor
-from pretouch.trajectory import Trajectory
 
 
 class Detector(Protocol):
@@ -31,9 +31,9 @@ class Registrar(Protocol):
         ...
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Trajectory]
-    ) -> list[float]:
-        """m: the expected error after a scan along each candidate."""
+        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+    ) -> list[list[Prediction]]:
+        """For each candidate, what a scan of each of its pieces would leave and return."""
         ...
 
 

@@ -91,6 +91,7 @@ class Footprint(NamedTuple):
         facing: cosine of its slope.
         nearby: m above the table, the largest `high` within the reach of a cone.
         hidden: bool, whether `low` and `high` differ anywhere within it.
+        beyond: m from the nearest cell where the object was seen.
         hull: 1 within the convex hull of what was seen, else 0.
         x_axis, y_axis: (3,) float64, unit, the table's axes in base.
         corner: (2,) float64, m along them, where the first cell begins.
@@ -105,6 +106,7 @@ class Footprint(NamedTuple):
     facing: NDArray[np.float32]
     nearby: NDArray[np.float32]
     hidden: NDArray[np.bool_]
+    beyond: NDArray[np.float32]
     hull: NDArray[np.float32]
     x_axis: Array
     y_axis: Array
@@ -210,7 +212,7 @@ def _build_footprint(scene: Scene, points: Array, metres: Array, kind: NDArray[n
     np.maximum.at(top, tuple(cells.T), scene.table.height(points))
     seen = top >= 0
     closed = ndimage.binary_closing(seen, iterations=1)
-    _, nearest = ndimage.distance_transform_edt(~seen, return_indices=True)
+    beyond, nearest = ndimage.distance_transform_edt(~seen, return_indices=True)
     top = np.where(closed, top[nearest[0], nearest[1]], -1.0)
     inside, edge = ndimage.distance_transform_edt(closed, return_indices=True)
     outward = (edge - np.indices(closed.shape)) / np.maximum(inside, 1e-9)
@@ -232,6 +234,7 @@ def _build_footprint(scene: Scene, points: Array, metres: Array, kind: NDArray[n
         _to_single(facing),
         _to_single(nearby),
         hidden,
+        _to_single(beyond * CELL),
         _to_single(_fill_hull(seen)),
         axes[:, 0].copy(),
         axes[:, 1].copy(),

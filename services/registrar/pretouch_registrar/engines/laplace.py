@@ -14,7 +14,7 @@ from numba import njit
 from pretouch.geometry import Array
 from pretouch_registrar.engines.objective import (
     assume_likeliest_hypothesis,
-    compute_energies,
+    compute_costs,
     compute_energies_in_parallel,
     linearize,
 )
@@ -27,14 +27,14 @@ _PAIRS = 56
 
 
 @cache
-def make_curvature_draws() -> tuple[Array, Array]:
-    """Standard normal draws (_PAIRS, 6), and the matrix (22, _PAIRS) that fits a quadratic to values at them.
+def make_curvature_draws(pairs: int = _PAIRS) -> tuple[Array, Array]:
+    """Standard normal draws (pairs, 6), and the matrix (22, pairs) that fits a quadratic to values at them.
 
     It gives the constant, then the coefficients of the products of components i <= j, row by row.
     """
-    draws = np.random.default_rng(2).standard_normal((_PAIRS, 6))
+    draws = np.random.default_rng(2).standard_normal((pairs, 6))
     first, second = np.triu_indices(6)
-    design = np.column_stack([np.ones(_PAIRS), draws[:, first] * draws[:, second]])
+    design = np.column_stack([np.ones(pairs), draws[:, first] * draws[:, second]])
     return draws, np.linalg.pinv(design)
 
 
@@ -53,11 +53,11 @@ def compute_covariance(problem: RegistrationProblem, x: Array, resources: Resour
         spread = draws @ root.T
         levels = compute_energies_in_parallel(np.concatenate([x + spread, x - spread]), free, resources)
         coefficients = fit @ (0.5 * (levels[:_PAIRS] + levels[_PAIRS:]))
-        covariance = _covariance_of_quadratic(coefficients[1:], root, np.diag(problem.prior))
+        covariance = covariance_of_quadratic(coefficients[1:], root, np.diag(problem.prior))
     return covariance
 
 
-def _covariance_of_quadratic(coefficients: Array, root: Array, precision: Array) -> Array:
+def covariance_of_quadratic(coefficients: Array, root: Array, precision: Array) -> Array:
     """The covariance (6, 6) of a normal density with `precision` (6, 6) after a quadratic cost is added.
 
     Args:
@@ -79,24 +79,20 @@ def _covariance_of_quadratic(coefficients: Array, root: Array, precision: Array)
     return covariance
 
 
-_compiled_covariance_of_quadratic = njit(cache=True, nogil=True)(_covariance_of_quadratic)
+compiled_covariance_of_quadratic = njit(cache=True, nogil=True)(covariance_of_quadratic)
 
 
 @njit(cache=True, nogil=True)
-def update_covariance(x: Array, problem: RegistrationProblem, precision: Array, draws: Array, fit: Array) -> Array:
-    """The covariance (6, 6) at x (6,) of a normal density with `precision` (6, 6) after the beams of `problem`.
+def fit_quadratics(x: Array, problem: RegistrationProblem, root: Array, draws: Array, fit: Array) -> Array:
+    """(n, 21): the quadratic part of the cost of each of the problem's n beams around x (6,).
 
-    It is `compute_covariance` compiled and on one thread, with the draws of `make_curvature_draws` and its matrix
-    without the constant's row (21, _PAIRS). It starts from the covariance of a quarter of the Gauss-Newton information,
-    which knows neither the edges nor where the cost saturates.
+    The coefficients are those of `covariance_of_quadratic`, for a weight and a temperature of 1.
+
+    Args:
+        root: (6, 6), Cholesky factor of the covariance over which it is fitted.
+        draws, fit: of `make_curvature_draws`, `fit` without the constant's row.
     """
-    information, _, _ = linearize(x, problem)
-    covariance = np.linalg.inv(information / 4 + precision)
-    for _ in range(_ROUNDS):
-        root = np.linalg.cholesky(covariance)
-        spread = draws @ root.T
-        levels = compute_energies(np.concatenate((x + spread, x - spread)), problem)
-        coefficients = fit @ (0.5 * (levels[:_PAIRS] + levels[_PAIRS:]))
-        covariance = _compiled_covariance_of_quadratic(coefficients, root, precision)
-    result: Array = covariance.astype(np.float64)
-    return result
+    pairs, spread = draws.shape[0], draws @ root.T
+    costs = compute_costs(np.concatenate((x + spread, x - spread)), problem)
+    coefficients: Array = (fit @ (0.5 * (costs[:pairs] + costs[pairs:]))).T
+    return coefficients

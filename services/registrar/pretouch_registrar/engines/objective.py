@@ -50,18 +50,22 @@ def compute_energy(x: Array, problem: RegistrationProblem) -> float:
 @njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
 def _sum_thin_costs(x: Array, r: Array, problem: RegistrationProblem, out: PointResiduals) -> float:
     """Cost of thin beams at x (6,), with r = exp(w) (3, 3), without allocation; `out` is a buffer for a residual."""
-    beams, target, noise = problem.beams, problem.target, problem.noise
-    centroid, weights = target.centroid, beams.weights
     cost = 0.0
-    for n in range(weights.shape[0]):
-        point = carry_back(x, r, centroid, beams.points, n)
-        direction = turn_back(r, beams.directions, n)
-        if beams.returned[n]:
-            cap, beyond = point_residual(point, direction, target, noise, out)
-            cost += weights[n] * (beyond + robust_cost(compute_half_square(out), cap))
-        else:
-            cost += weights[n] * miss_cost(point, direction, target, noise)
+    for n in range(problem.beams.weights.shape[0]):
+        cost += problem.beams.weights[n] * _compute_thin_cost(n, x, r, problem, out)
     return cost
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _compute_thin_cost(n: int, x: Array, r: Array, problem: RegistrationProblem, out: PointResiduals) -> float:
+    """Cost of thin beam n, unweighted, as in `_sum_thin_costs`."""
+    beams, target = problem.beams, problem.target
+    point = carry_back(x, r, target.centroid, beams.points, n)
+    direction = turn_back(r, beams.directions, n)
+    if not beams.returned[n]:
+        return miss_cost(point, direction, target, problem.noise)
+    cap, beyond = point_residual(point, direction, target, problem.noise, out)
+    return beyond + robust_cost(compute_half_square(out), cap)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
@@ -77,6 +81,43 @@ def _add_cone_costs(x: Array, r: Array, problem: RegistrationProblem, spot: Spot
         for h in range(costs.shape[0]):
             e, cap, beyond = spot_residual(h, returned, measured, interval, range_max, noise, spot)
             costs[h] += beams.weights[n] * (beyond + robust_cost(0.5 * e * e, cap))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
+def _compute_wide_cost(n: int, x: Array, r: Array, problem: RegistrationProblem, spot: Spot) -> float:
+    """Cost of wide beam n, unweighted, under a problem's only hypothesis."""
+    beams, target = problem.beams, problem.target
+    end = carry_back(x, r, target.centroid, beams.points, n)
+    returned, measured = beams.returned[n], beams.ranges[n]
+    interval = trace_spot(end, turn_back(r, beams.directions, n), returned, measured, target, problem.cone, spot)
+    e, cap, beyond = spot_residual(0, returned, measured, interval, target.optics.range_max, problem.noise, spot)
+    return beyond + robust_cost(0.5 * e * e, cap)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
+def _fill_costs(
+    x: Array, r: Array, problem: RegistrationProblem, out: PointResiduals, spot: Spot, costs: Array
+) -> None:
+    """Fills `costs` (n,) with that of each beam, unweighted, at x (6,), with r = exp(w) (3, 3)."""
+    wide = problem.cone.length.shape[0] > 0
+    for n in range(costs.shape[0]):
+        if wide:
+            costs[n] = _compute_wide_cost(n, x, r, problem, spot)
+        else:
+            costs[n] = _compute_thin_cost(n, x, r, problem, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def compute_costs(xs: Array, problem: RegistrationProblem) -> Array:
+    """(m, n): the cost of each of n beams, unweighted and at temperature 1, at each of the corrections xs (m, 6).
+
+    A problem of wide beams must have a single hypothesis.
+    """
+    result = np.empty((xs.shape[0], problem.beams.weights.shape[0]))
+    spot, out = make_spot(problem.cone), PointResiduals(np.zeros(3), np.zeros((3, 3)))
+    for m in range(xs.shape[0]):
+        _fill_costs(xs[m], so3.exp(xs[m, :3]), problem, out, spot, result[m])
+    return result
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

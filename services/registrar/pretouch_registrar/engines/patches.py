@@ -43,34 +43,50 @@ def find_patches(points: Array, directions: Array, returned: NDArray[np.bool_], 
     return Patches(keys, counts.astype(np.float64))
 
 
-def compute_sample_weights(
-    points: Array,
-    directions: Array,
-    returned: NDArray[np.bool_],
-    error: SharedError,
-    each: float = 1.0,
-    earlier: Patches | None = None,
-) -> Array:
-    """(n,): by how much each sample increases the effective number; equal within a patch. See `find_patches`.
+class Grouping(NamedTuple):
+    """n samples by their k patches.
 
-    Args:
-        each: how many samples each of these represents.
-        earlier: the patches of earlier samples, to which these are added.
+    Attributes:
+        place: (n,), index of each sample's patch.
+        before: (k,), number of earlier samples in each patch.
     """
-    if not len(points):
-        return np.zeros(0)
-    own, place, count = np.unique(
-        _find_cubes(points, directions, returned, error.patch), axis=0, return_inverse=True, return_counts=True
-    )
+
+    place: NDArray[np.intp]
+    before: Array
+
+    def weigh(self, chosen: NDArray[np.bool_], error: SharedError, represented: Array) -> Array:
+        """(p, n): by how much each of the samples `chosen` (p, n) would increase the effective number; others' are 0.
+
+        The weights are equal within a patch.
+
+        Args:
+            represented: (p,), how many samples each of those chosen stands for.
+        """
+        count = np.stack([np.bincount(self.place[each], minlength=len(self.before)) for each in chosen])
+        gain = error.count_effective(self.before + represented[:, None] * count) - error.count_effective(self.before)
+        return np.asarray(chosen * (gain / np.maximum(count, 1.0))[:, self.place], dtype=np.float64)
+
+
+def group_samples(
+    points: Array, directions: Array, returned: NDArray[np.bool_], error: SharedError, earlier: Patches | None = None
+) -> Grouping:
+    """Samples by their patches, see `find_patches`; `earlier` are the patches of earlier samples."""
+    own, place = np.unique(_find_cubes(points, directions, returned, error.patch), axis=0, return_inverse=True)
     before = np.zeros(len(own))
-    if earlier is not None and len(earlier.keys):
+    if earlier is not None and len(earlier.keys) and len(own):
         both, where = np.unique(np.concatenate([earlier.keys, own]), axis=0, return_inverse=True)
         known = np.zeros(len(both))
         where = where.ravel()
         known[where[: len(earlier.keys)]] = earlier.counts
         before = known[where[len(earlier.keys) :]]
-    gain = error.count_effective(before + each * count) - error.count_effective(before)
-    return np.asarray((gain / count)[place.ravel()], dtype=np.float64)
+    return Grouping(place.ravel(), before)
+
+
+def compute_sample_weights(points: Array, directions: Array, returned: NDArray[np.bool_], error: SharedError) -> Array:
+    """(n,): by how much each sample increases the effective number; see `find_patches` and `Grouping.weigh`."""
+    grouping = group_samples(points, directions, returned, error)
+    weights: Array = grouping.weigh(np.ones((1, len(points)), dtype=np.bool_), error, np.ones(1))[0]
+    return weights
 
 
 def _find_cubes(points: Array, directions: Array, returned: NDArray[np.bool_], patch: float) -> NDArray[np.int64]:

@@ -27,6 +27,8 @@ _MAX_BEAMS = 320
 """Beams for the search, and for refinement and moments."""
 _WIDE_BEAMS = (80, 160)
 """The same for a wide beam: its samples overlap, and each takes longer."""
+_MAX_MERGED = 2
+"""Multiple of the beams for refinement that are left when a thin beam's neighbours are merged: those of a few scans."""
 _ROUGH_NOISE_FACTOR = 2.0
 """Noise factor above which half the beams suffice for the search."""
 _STARTS = 10
@@ -45,7 +47,7 @@ _MAX_ENERGY_NAMED = 3.0
 def solve(problem: RegistrationProblem, model: CameraModel, resources: Resources) -> Solution:
     """The posterior's mean and covariance, and other modes that explain the samples nearly as well."""
     search, most = _WIDE_BEAMS if problem.wide else (_SEARCH_BEAMS, _MAX_BEAMS)
-    distinct = problem.pool_beams() if problem.wide else problem
+    distinct = problem.pool_beams() if problem.wide else problem.merge_neighbours(_MAX_MERGED * most)
     rough, coarse, fine = (distinct.subsample_beams(beams) for beams in (search // 2, search, most))
     scale = 1.0 / np.sqrt(problem.prior)
 

@@ -26,6 +26,13 @@ _WALL = 0.007
 """m: a ray that is this far below the surface has hit a wall, not a slope."""
 _GRAZING = 0.25
 """Cosine of the incidence on a wall."""
+_LEVEL = 0.5
+"""Downward component of a ray below which it is followed step by step: it may meet a wall from the side."""
+_LEVEL_STEP = 0.002
+_LEVEL_PART = 0.06
+"""m: parts of such a ray in whose middles `Footprint.nearby` is looked up: if it passes above, it meets nothing."""
+_WALL_FACING = 0.7
+"""Mean cosine of the incidence of a level ray on a wall of unknown direction."""
 _FLAT = 0.001
 """m: where nothing within the cone's reach is higher than this, the surface is the table."""
 _BISECTIONS = 3
@@ -116,6 +123,57 @@ def _intersect_surface(
     return at, slope
 
 
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
+def _follow_level_ray(
+    origin: Vector, ray: Vector, stop: float, heights: NDArray[np.float32], facing: NDArray[np.float32]
+) -> float:
+    """Where a ray that hardly falls, or rises, first is below the surface, in units of its direction; else `stop`."""
+    at = _LEVEL_STEP
+    while at < stop:
+        height, _ = _look_up_surface(origin[0] + ray[0] * at, origin[1] + ray[1] * at, heights, facing)
+        if origin[2] + ray[2] * at <= height:
+            return at
+        at += _LEVEL_STEP
+    return stop
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **NO_REFERENCES)
+def _trace_level_ray(k: int, origin: Vector, ray: Vector, length: float, target: Target, spot: Spot) -> bool:
+    """Fills path k of the spot with that of a ray that hardly falls; returns whether `near` and `far` differ."""
+    footprint, reach = target.footprint, target.optics.range_max / length
+    table = origin[2] / -ray[2] if ray[2] < 0.0 else 2.0 * reach
+    stop = min(reach, table)
+    open_path, open_facing = 2.0 * target.optics.range_max, 0.05
+    if table <= reach:
+        open_path, open_facing = max(table, _LEAST_PATH) * length, max(-ray[2] / length, 0.05)
+    far = near = stop
+    top, hidden = 0.0, False
+    parts = int(stop * length / _LEVEL_PART) + 1
+    for part in range(parts):
+        at = (part + 0.5) / parts * stop
+        nearby, unseen = _look_up_nearby(origin[0] + ray[0] * at, origin[1] + ray[1] * at, footprint)
+        top, hidden = max(top, nearby), hidden or unseen
+    if min(origin[2], origin[2] + ray[2] * stop) <= top:
+        far = _follow_level_ray(origin, ray, stop, footprint.low, footprint.facing)
+        near = far
+        if hidden:
+            near = _follow_level_ray(origin, ray, far, footprint.high, footprint.facing)
+    spot.far[k], spot.far_facing[k] = (far * length, _WALL_FACING) if far < stop else (open_path, open_facing)
+    spot.near[k], spot.near_facing[k] = (near * length, _WALL_FACING) if near < stop else (open_path, open_facing)
+    return spot.far[k] - spot.near[k] > 1e-3
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _find_axis_across(direction: Vector) -> Vector:
+    """A unit vector perpendicular to a direction."""
+    x, y, z = direction
+    if abs(x) > 0.9:
+        s = 1.0 / np.sqrt(1.0 - y * y)
+        return -s * x * y, s * (1.0 - y * y), -s * y * z
+    s = 1.0 / np.sqrt(1.0 - x * x)
+    return s * (1.0 - x * x), -s * x * y, -s * x * z
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _rotate_to_table(vector: Vector, footprint: Footprint, normal: Array) -> Vector:
     """A vector in base, in the table's axes."""
@@ -135,17 +193,14 @@ def _trace_rays(origin: Vector, direction: Vector, target: Target, cone: Cone, s
     px, py, pz = _rotate_to_table(origin, footprint, target.table.normal)
     o = (px - footprint.corner[0], py - footprint.corner[1], pz - target.table.offset)
     dx, dy, dz = _rotate_to_table(direction, footprint, target.table.normal)
-    # two axes across the beam; dz is near -1
-    s = 1.0 / max(np.sqrt(1.0 - dx * dx), 1e-6)
-    ax, ay, az = s * (1.0 - dx * dx), -s * dx * dy, -s * dx * dz
+    ax, ay, az = _find_axis_across((dx, dy, dz))
     bx, by, bz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
     several = False
     for k in range(cone.length.shape[0]):
         u, v, length = cone.across_x[k], cone.across_y[k], cone.length[k]
         ray = (dx + u * ax + v * bx, dy + u * ay + v * by, dz + u * az + v * bz)
-        if ray[2] > -0.05:
-            spot.near[k] = spot.far[k] = farthest
-            spot.near_facing[k] = spot.far_facing[k] = 0.05
+        if ray[2] > -_LEVEL * length:
+            several = _trace_level_ray(k, o, ray, length, target, spot) or several
             continue
         stop = min(farthest / length, o[2] / -ray[2])
         top, hidden = _look_up_nearby(o[0] + 0.5 * ray[0] * stop, o[1] + 0.5 * ray[1] * stop, footprint)
