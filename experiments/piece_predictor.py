@@ -22,11 +22,11 @@ from pretouch.tof import Scan
 from pretouch.trajectory import Trajectory
 
 FIRST, SECOND = np.triu_indices(6)
-SPACING = 0.15
+SPACING = 0.2
 """s between simulated beams."""
 
 
-PAIRS = 56
+PAIRS = 32
 """Antithetic pairs that each beam's quadratic is fitted to."""
 
 
