@@ -76,9 +76,9 @@ def cut(path: Trajectory, start: float, end: float) -> Trajectory:
     return Trajectory(times - start, path.at(times))
 
 
-def windows(path: Trajectory, speed: float) -> list[tuple[float, float]]:
+def windows(path: Trajectory, speed: float, lengths: Sequence[float] = LENGTHS) -> list[tuple[float, float]]:
     found = [(0.0, path.duration)]
-    for length in LENGTHS:
+    for length in lengths:
         duration = length / speed
         if duration > 0.9 * path.duration:
             continue

@@ -32,9 +32,9 @@ SHORT = 6
 
 def pool_of(name, view, estimate, regions, rng):
     settings = ScanSettings()
-    if name in ("whole", "regions"):
+    if name in ("whole", "regions", "long"):
         paths = plan_paths(view.scene, regions, estimate, settings, SAFE)
-        spans = (lambda p: [(0.0, p.duration)]) if name == "whole" else (lambda p: S.windows(p, settings.speed))
+        spans = (lambda p: [(0.0, p.duration)]) if name == "whole" else (lambda p: S.windows(p, settings.speed, (0.12, 0.20) if name == "long" else S.LENGTHS))
         return [S.Piece(p, *span, "region") for p in paths if p is not None and p.duration >= 0.5 for span in spans(p)]
     pool = S.make_pool(view, estimate, regions, rng, SAFE)
     if name == "few":
