@@ -30,8 +30,11 @@ def main() -> None:
     parser.add_argument("--offsets", type=int, default=16)
     parser.add_argument("--out", type=Path, required=True)
     a = parser.parse_args()
+    done = {json.loads(line)["mesh"] for line in a.out.open()} if a.out.exists() else set()
     registrar, settings, finger = Registrar(), Settings(), ThinBeam()
     for index, path in enumerate(meshes_in(SHARED / "data" / "meshes" / "train", split=Split.TRAIN)[: a.scenes]):
+        if path.stem in done:
+            continue
         try:
             case = make_case(path.stem, load_mesh(path), 0, 0, S.CAMERAS[index % len(S.CAMERAS)])
             view = view_of(case)
