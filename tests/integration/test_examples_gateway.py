@@ -49,7 +49,11 @@ def test_the_gateway_keeps_the_samples_of_the_span(monkeypatch: pytest.MonkeyPat
             gateway.stop()
     assert len(samples) >= 0.8 * RATE * (span.end - span.start)
     tips = samples.base_T_tip[:, :3, 3]
-    np.testing.assert_allclose(tips[:, 1:], np.broadcast_to([0.05, 0.06], (len(tips), 2)), atol=1e-6)
+    np.testing.assert_allclose(tips[:, 1], 0.05, atol=1e-6)
+    descending = tips[:, 2] > 0.06 + 1e-6
+    assert (np.diff(tips[descending, 2]) <= 0).all()  # the end of the guarded descent belongs to the scan
+    assert descending.mean() < 0.3
+    np.testing.assert_allclose(tips[~descending, 2], 0.06, atol=1e-6)
     assert tips[0, 0] < 0.505
     assert tips[-1, 0] > 0.555
 

@@ -88,7 +88,7 @@ def choose(options: Sequence[Option], planner: Planner, need: Need) -> Option | 
     """The best of the options, all of which are visible; None when no scan is worth making.
 
     `information` maximises the predicted decrease of the log expected error per second, approach included, among the
-    scans with which the rest of the budget's scans would reach the tolerance or that bring at least half of the largest
+    scans with which the rest of the budget's scans would reach the tolerance or that bring at least 80 % of the largest
     decrease. `confidence` follows the proposer's own scores, and takes the longest beginning that the budget allows.
     """
     best = shortlist(options, planner, need)[:1]
