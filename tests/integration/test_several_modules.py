@@ -41,7 +41,7 @@ def test_a_session_corrects_the_pose_by_all_modules(model: FingerModel) -> None:
         assert scan.samples >= scan.duration * sensor.rate * len(sensor.tip_T_module)
     assert len(record.measured[0]) == record.scans[0].samples
     assert CASE.is_covered_by(record.estimate)
-    assert CASE.error(record.estimate.base_T_correction) < 0.008
+    assert CASE.error(record.estimate.base_T_correction) < 0.010
     assert record.estimate.expected_error < 0.6 * from_prior(record.request.prior, record.scene.cloud).expected_error
 
 
@@ -75,5 +75,5 @@ def test_predictions_count_all_modules() -> None:
         return REGISTRAR.predict(record.scene, [], settings, [candidate])[0][0]
 
     single = predict(Pose.identity())
-    assert predict(*apart).expected_error < single.expected_error
+    assert predict(*apart).expected_error < predict(Pose.identity(), sideways, sideways).expected_error
     assert predict(Pose.identity(), sideways).expected_returns == pytest.approx(0.5 * single.expected_returns, abs=0.12)

@@ -51,8 +51,8 @@ def test_it_says_what_it_found_and_draws_it(image: Path) -> None:
     size = [float(number) for number in re.findall(r"[\d.]+", _row(done, "size as seen"))]
     assert size == pytest.approx([10, 7, 6], abs=1)
     assert "found: 0.60 m below the camera, seen 45 degrees down" in _row(done, "table")
-    before, after = (float(_row(done, f"error expected {when}").split()[0]) for when in ("now", "after it"))
-    assert 0 < after < 0.8 * before
+    assert 10 < float(_row(done, "error expected now").split()[0]) < 30
+    assert 30 <= float(_row(done, "expected returns").split("%")[0]) <= 100
     assert "Warning" not in done.output
     with Image.open(picture) as drawn:
         assert drawn.size == (1700, 800)
