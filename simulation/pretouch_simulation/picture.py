@@ -120,9 +120,9 @@ def _draw_errors(axes: Any, recording: Recording) -> None:
     axes.set_ylim(bottom=0)
     axes.grid(alpha=0.3)
     axes.legend()
-    used = recording.last.budget_used
+    fraction, seconds = recording.last.budget_used.fraction, recording.robot_seconds()[-1]
     axes.set(xlabel="scans made", ylabel="mean error of the object's points, mm")
-    axes.set_title(f"{recording.last.state}: {used.fraction:.0%} scanned in {used.seconds:.0f} robot seconds")
+    axes.set_title(f"{recording.last.state}: {fraction:.0%} scanned in {seconds:.0f} robot seconds")
 
 
 def thin_points(points: Array, most: int) -> Array:
