@@ -121,7 +121,9 @@ def test_nothing_unknown_is_within_reach_of_a_nearby_path() -> None:
     scene = seen(Box.standing((0.05, 0.05, 0.03)), margin=0.12)
     planner = planner_of(scene, Prior(), BEYOND)
     h, w = scene.depth.metres.shape
-    for candidate in plan_nearby_paths(scene, planner, RANGE_MAX):
+    nearby = plan_nearby_paths(scene, planner, RANGE_MAX)
+    assert nearby
+    for candidate in nearby:
         for place in places_of(candidate, candidate.spans[0]):
             around = place + planner.reach * np.array([(np.cos(a), np.sin(a)) for a in np.linspace(0, 6.2, 12)])
             ground = np.column_stack([around, np.zeros(12)])
