@@ -6,6 +6,7 @@
     │   ├── UnsupportedMedia    415  the body is of another type than asked for
     │   └── TooLarge            413  beyond a stated limit
     ├── Unauthenticated         401  no token, or a wrong one
+    ├── Forbidden               403  the token, or where the request comes from, does not allow this
     ├── NotFound                404  no such session, scan, device or page
     ├── MethodNotAllowed        405  the resource exists, the method does not
     ├── Conflict                409  the request does not fit the present state
@@ -14,14 +15,16 @@
     ├── Unavailable             503  a service, device or proposer cannot be reached or is not ready
     └── DeadlineExceeded        504  an answer did not come in time
 
-Each error says in `detail` what was wrong and in `remedy` what to do about it.
+Each error says in `detail` what was wrong and in `remedy` what to do about it; `Overloaded` and `Unavailable` say in
+`retry_after` when to try again.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import grpc
 
@@ -35,12 +38,16 @@ class PretouchError(Exception):
     Args:
         detail: what was wrong, with the offending value.
         remedy: what the caller can do about it.
+        retry_after: s after which the same call may succeed; None: the kind's own, `RETRY_AFTER`.
     """
 
-    def __init__(self, detail: str, remedy: str = "") -> None:
+    RETRY_AFTER: ClassVar[float | None] = None
+
+    def __init__(self, detail: str, remedy: str = "", retry_after: float | None = None) -> None:
         super().__init__(detail)
         self.detail = detail
         self.remedy = remedy
+        self.retry_after = self.RETRY_AFTER if retry_after is None else retry_after
 
 
 class InvalidInput(PretouchError):
@@ -63,6 +70,10 @@ class Unauthenticated(PretouchError):
     """The call carries no token, or a wrong one."""
 
 
+class Forbidden(PretouchError):
+    """The token, or where the request comes from, does not allow this."""
+
+
 class NotFound(PretouchError):
     """There is no such session, scan, device or page."""
 
@@ -78,9 +89,13 @@ class Conflict(PretouchError):
 class Overloaded(PretouchError):
     """Every worker is busy and the queue is full."""
 
+    RETRY_AFTER = 1.0
+
 
 class Unavailable(PretouchError):
     """A service, a device or a proposer cannot be reached or is not ready."""
+
+    RETRY_AFTER = 1.0
 
 
 class DeadlineExceeded(PretouchError):
@@ -108,6 +123,7 @@ WIRE: dict[type[PretouchError], Wire] = {
     TooLarge: Wire("too-large", "The request is too large", 413, _C.RESOURCE_EXHAUSTED),
     InvalidInput: Wire("invalid-input", "The request is not valid", 422, _C.INVALID_ARGUMENT),
     Unauthenticated: Wire("unauthenticated", "The call is not authenticated", 401, _C.UNAUTHENTICATED),
+    Forbidden: Wire("forbidden", "The call is not allowed", 403, _C.PERMISSION_DENIED),
     NotFound: Wire("not-found", "Not found", 404, _C.NOT_FOUND),
     MethodNotAllowed: Wire("method-not-allowed", "Method not allowed", 405, _C.UNIMPLEMENTED),
     Conflict: Wire("conflict", "The request conflicts with the present state", 409, _C.FAILED_PRECONDITION),
@@ -132,22 +148,25 @@ def wire_of(error: PretouchError) -> Wire:
 
 
 def problem(error: PretouchError) -> dict[str, Any]:
-    """The RFC 9457 problem document of `error`; `remedy` is our extension member."""
+    """The RFC 9457 problem document of `error`; `remedy` and `retry_after`, s, are our extension members."""
     wire = wire_of(error)
-    return {
+    document = {
         "type": TYPE_PREFIX + wire.slug,
         "title": wire.title,
         "status": wire.http_status,
         "detail": error.detail,
         "remedy": error.remedy,
     }
+    return document if error.retry_after is None else document | {"retry_after": error.retry_after}
 
 
 def from_problem(document: dict[str, Any]) -> PretouchError:
     """The error that `problem` wrote; an unknown type becomes `Internal`."""
     slug = str(document.get("type", "")).removeprefix(TYPE_PREFIX)
     kind = _BY_SLUG.get(slug, Internal)
-    return kind(str(document.get("detail", "")), str(document.get("remedy", "")))
+    retry_after = document.get("retry_after")
+    seconds = float(retry_after) if isinstance(retry_after, int | float) and 0 <= retry_after < math.inf else None
+    return kind(str(document.get("detail", "")), str(document.get("remedy", "")), seconds)
 
 
 _UNREACHABLE = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -77,6 +78,16 @@ class Scene:
     def radius(self) -> float:
         """m: root mean square distance of `cloud` from `centroid`."""
         return float(np.sqrt(((self.cloud - self.centroid) ** 2).sum(axis=1).mean()))
+
+    @cached_property
+    def digest(self) -> bytes:
+        """(32,) SHA-256 of the content: equal for scenes that are equal to the bit, in whatever process."""
+        digest = hashlib.sha256(np.ascontiguousarray(self.depth.metres).tobytes())
+        digest.update(np.packbits(self.mask).tobytes())
+        c, table = self.camera, self.table
+        numbers = [*self.depth.metres.shape, c.fx, c.fy, c.cx, c.cy, *self.base_T_camera.matrix.ravel()]
+        digest.update(np.array([*numbers, *table.normal, table.offset], dtype="<f8").tobytes())
+        return digest.digest()
 
     def bounds(self) -> tuple[int, int, int, int]:
         """The mask's bounding box (u0, v0, u1, v1), half-open."""

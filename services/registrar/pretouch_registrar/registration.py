@@ -43,15 +43,6 @@ class Settings:
     sensor: Sensor = field(default_factory=Sensor)
 
 
-def _hash_scene(scene: Scene) -> bytes:
-    digest = hashlib.blake2b(scene.depth.metres.tobytes())
-    digest.update(np.packbits(scene.mask).tobytes())
-    c, table = scene.camera, scene.table
-    numbers = [*scene.depth.metres.shape, c.fx, c.fy, c.cx, c.cy, *scene.base_T_camera.matrix.ravel()]
-    digest.update(np.array([*numbers, *table.normal, table.offset], dtype=np.float64).tobytes())
-    return digest.digest()
-
-
 class Registrar:
     """Registers scans with scenes. It is thread-safe, and made once in a process.
 
@@ -110,11 +101,11 @@ class Registrar:
         self, scene: Scene, scans: Sequence[Scan], settings: Settings
     ) -> tuple[RegistrationProblem, Solution]:
         """The problem and its solution, cached because `predict` follows `register` on the same scans."""
-        key = _hash_scene(scene) + b"".join(_hash_scan(scan) for scan in scans) + repr(settings).encode()
+        key = scene.digest + b"".join(_hash_scan(scan) for scan in scans) + repr(settings).encode()
         return self._solutions.get_or_make(key, lambda: self._solve(scene, scans, settings))
 
     def _solve(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[RegistrationProblem, Solution]:
-        model = self._models.get_or_make(_hash_scene(scene), lambda: camera_model.build(scene))
+        model = self._models.get_or_make(scene.digest, lambda: camera_model.build(scene))
         problem = build_problem(model, scans, settings.prior, settings.sensor)
         if not scans:
             return problem, Solution(np.zeros(6), settings.prior.covariance())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
@@ -30,6 +32,8 @@ def build_problem_response(error: PretouchError, headers: dict[str, str] | None 
     extra = dict(headers or {})
     if isinstance(error, Unauthenticated):
         extra["WWW-Authenticate"] = "Bearer"
+    if error.retry_after is not None:
+        extra["Retry-After"] = str(math.ceil(error.retry_after))
     return JSONResponse(problem(error), wire_of(error).http_status, extra, media_type=PROBLEM_TYPE)
 
 
