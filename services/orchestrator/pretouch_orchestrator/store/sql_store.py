@@ -219,9 +219,9 @@ class SqlStore:
         return int(found[0]["used"])
 
     async def check(self) -> None:
+        self._database.check_disk()
         if not self._in_doubt and time.monotonic() < self._checked + _FRESH:
             return
-        self._database.check_disk()
         values = {"ballast": os.urandom(_BALLAST if self._in_doubt else 1)}
         statement = (
             "INSERT INTO heartbeat (id, at, ballast) VALUES (0, epoch(), :ballast) "
