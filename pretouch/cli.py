@@ -107,7 +107,11 @@ def _serve(
         float, typer.Option(envvar="PRETOUCH_GRACE", help="Seconds that running calls get at shutdown.")
     ] = 5.0,
     log_level: LogLevel = "info",
+    watched: Annotated[
+        bool, typer.Option("--watched", help="Serve in a child process that is restarted when it hangs or ends.")
+    ] = False,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
+    health_socket: Annotated[Path | None, typer.Option(hidden=True)] = None,
 ) -> None:
     from pretouch.serving import Settings, serve
 
@@ -124,12 +128,26 @@ def _serve(
         max_queue=max_queue,
         grace=grace,
         log_level=log_level,
+        health_socket=health_socket,
     )
+    if watched:
+        from pretouch.serving.watched import serve_watched
+
+        asyncio.run(serve_watched(name, settings, os.environ | _as_environment(context)))
+        return
     (service,) = entry_points(group="pretouch.services", name=name)
     try:
         asyncio.run(serve(name, service.load(), settings, until_stdin_closes=until_stdin_closes))
     except ModuleNotFoundError as error:
         raise _explain_missing(error, f"The {name}", name) from error
+
+
+def _as_environment(context: typer.Context) -> dict[str, str]:
+    """The command's options as the environment variables that say the same; a token is then in no list of processes."""
+    values = {
+        str(option.envvar): context.params[str(option.name)] for option in context.command.params if option.envvar
+    }
+    return {name: str(value) for name, value in values.items() if value is not None}
 
 
 def _up(

@@ -6,7 +6,8 @@ import asyncio
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 
 from pretouch.serving.logs import configure_logs
 from pretouch.serving.server import Running, started
@@ -23,6 +24,35 @@ def call_when_stdin_closes(stop: Callable[[], None]) -> None:
             stop()
 
     loop.add_reader(stdin, on_stdin)
+
+
+@asynccontextmanager
+async def ended_by_signals(*, until_stdin_closes: bool = False) -> AsyncIterator[None]:
+    """Ends the block at the first SIGTERM or SIGINT; later ones are ignored.
+
+    `until_stdin_closes` ends it too when standard input does, so that it cannot outlive who started this process.
+    """
+    task = asyncio.current_task()
+    assert task is not None
+    stopping = False
+
+    def stop() -> None:
+        nonlocal stopping
+        if not stopping:
+            stopping = True
+            task.cancel()
+
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop)
+    if until_stdin_closes:
+        call_when_stdin_closes(stop)
+    try:
+        yield
+    except asyncio.CancelledError:
+        if not stopping:
+            raise
+        task.uncancel()
 
 
 async def serve(name: str, running: Running, settings: Settings, *, until_stdin_closes: bool = False) -> None:

@@ -113,6 +113,8 @@ def _bind(server: grpc.aio.Server, settings: Settings) -> int:
     credentials = None
     if settings.tls_cert is not None and settings.tls_key is not None:
         credentials = server_credentials(settings.tls_cert, settings.tls_key, settings.tls_client_ca)
+    if settings.health_socket is not None:
+        server.add_insecure_port(f"unix:{settings.health_socket}")
     try:
         if credentials is None:
             return int(server.add_insecure_port(address))

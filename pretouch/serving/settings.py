@@ -39,6 +39,8 @@ class Settings:
     grace: float = 5.0
     """s that running calls are given to finish when the service is told to stop."""
     log_level: str = "info"
+    health_socket: Path | None = None
+    """A Unix socket on which a parent process asks for the health, besides the port."""
 
     def __post_init__(self) -> None:
         for name, port in (("port", self.port), ("metrics port", self.metrics_port or 0)):
