@@ -69,8 +69,9 @@ class GrpcSessionApi(SessionApi[RpcMessage, Any]):
     def tell(self, session_id: str, scan_id: str, telling: Telling) -> Call[RpcMessage, Any, ScanProgress]:
         return Call(RpcMessage("TellSamples", telling_to_proto(session_id, scan_id, telling)), _decode_progress)
 
-    def cancel(self, session_id: str) -> Call[RpcMessage, Any, None]:
-        return Call(RpcMessage("CancelSession", pb.CancelSessionRequest(session_id=session_id)), lambda _: None)
+    def cancel(self, session_id: str, purge: bool) -> Call[RpcMessage, Any, None]:
+        request = pb.CancelSessionRequest(session_id=session_id, purge=purge)
+        return Call(RpcMessage("CancelSession", request), lambda _: None)
 
 
 def _decode_session(answer: Any) -> Session:

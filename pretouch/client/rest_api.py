@@ -74,8 +74,9 @@ class RestSessionApi(SessionApi[HttpMessage, httpx.Response]):
         path = f"{_scan_path(session_id, scan_id)}/samples"
         return Call(HttpMessage("POST", path, {"json": telling_to_json(telling)}), _decode_with(progress_from_json))
 
-    def cancel(self, session_id: str) -> Call[HttpMessage, httpx.Response, None]:
-        return Call(HttpMessage("DELETE", session_path(session_id)), raise_for_problem)
+    def cancel(self, session_id: str, purge: bool) -> Call[HttpMessage, httpx.Response, None]:
+        options = {"params": {"purge": "true"}} if purge else {}
+        return Call(HttpMessage("DELETE", session_path(session_id), options), raise_for_problem)
 
 
 def session_path(session_id: str) -> str:

@@ -16,6 +16,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from pretouch.camera import decode_depth, decode_png
 from pretouch.errors import Conflict, InvalidInput, Malformed
 from pretouch.serving import ServiceContext
+from pretouch.serving.caller import current_caller
 from pretouch.session import SessionRequest, Submission, Telling
 from pretouch.wire.json import (
     progress_to_json,
@@ -30,7 +31,7 @@ from pretouch_orchestrator.rest.admission import AdmissionMiddleware
 from pretouch_orchestrator.rest.bodies import parse_json, read_json, read_parts
 from pretouch_orchestrator.rest.body_limit import BodyLimit
 from pretouch_orchestrator.rest.docs_page import render_docs_page
-from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, ScanId, SessionId
+from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, Purge, ScanId, SessionId
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
 from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
 
@@ -82,7 +83,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         Repeating a request with the same `Idempotency-Key` returns the session that the first call created.
         """
         wanted, values, mask = await context.run_in_thread(_decode_creation, await read_parts(request))
-        session = await sessions.create(wanted, values, mask, idempotency_key or None)
+        session = await sessions.create(current_caller().owner, wanted, values, mask, idempotency_key or None)
         return JSONResponse(session_to_json(session), 201, {"Location": f"/v1/sessions/{session.id}"})
 
     @app.get(
@@ -96,7 +97,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     )
     async def list_sessions(limit: Limit = DEFAULT_PAGE, cursor: Cursor = "") -> Response:
         """Lists all sessions of this orchestrator in pages."""
-        page, following = await sessions.list_page(limit, cursor)
+        page, following = await sessions.list_page(current_caller().owner, limit, cursor)
         page_json = await context.run_in_thread(lambda: [session_to_json(session) for session in page])
         return JSONResponse({"sessions": page_json, "next": following or None})
 
@@ -111,17 +112,17 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     )
     async def get_session(session_id: SessionId) -> Response:
         """Returns the session's present state."""
-        return JSONResponse(session_to_json(await sessions.get(session_id)))
+        return JSONResponse(session_to_json(await sessions.get(current_caller().owner, session_id)))
 
     @app.delete(
         "/v1/sessions/{session_id}",
         status_code=204,
         summary="Cancel a session",
-        responses=openapi.describe_responses(204, {"description": "The session has ended."}, 401, 404, 503),
+        responses=openapi.describe_responses(204, {"description": "The session has ended."}, 401, 404, 422, 503),
     )
-    async def cancel_session(session_id: SessionId) -> Response:
-        """Cancels the session; one that has already ended keeps its state."""
-        await sessions.cancel(session_id)
+    async def cancel_session(session_id: SessionId, purge: Purge = False) -> Response:
+        """Cancels the session at once, whatever step is under way; one that has already ended keeps its state."""
+        await sessions.cancel(current_caller().owner, session_id, purge)
         return Response(status_code=204)
 
     @app.get(
@@ -135,7 +136,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     )
     async def get_next_scan(session_id: SessionId) -> Response:
         """Returns the path that the fingertip should follow next."""
-        session = await sessions.get(session_id)
+        session = await sessions.get(current_caller().owner, session_id)
         if session.next_scan is None:
             raise Conflict(
                 f"The session is {session.state.value}: there is no next scan.", "Read its estimate, or open a new one."
@@ -158,7 +159,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         async def read() -> Submission:
             return await context.run_in_thread(_decode_submission, await read_json(request))
 
-        return JSONResponse(session_to_json(await sessions.submit(session_id, scan_id, read)))
+        return JSONResponse(session_to_json(await sessions.submit(current_caller().owner, session_id, scan_id, read)))
 
     @app.post(
         "/v1/sessions/{session_id}/scans/{scan_id}/samples",
@@ -179,7 +180,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         async def read() -> Telling:
             return await context.run_in_thread(_decode_telling, await read_json(request))
 
-        return JSONResponse(progress_to_json(await sessions.tell(session_id, scan_id, read)))
+        return JSONResponse(progress_to_json(await sessions.tell(current_caller().owner, session_id, scan_id, read)))
 
 
 def _decode_creation(
@@ -219,16 +220,16 @@ def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
         """Streams the events `session`, `scan`, `estimate` and `end`, from the session's start to its end."""
         if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
             raise Malformed(f"Last-Event-ID is {last_event_id!r:.80}.", "Send the id of an event of this session.")
-        await sessions.get(session_id)
+        await sessions.get(current_caller().owner, session_id)
         return StreamingResponse(
-            _stream_events(sessions, session_id, int(last_event_id or 0)),
+            _stream_events(sessions, current_caller().owner, session_id, int(last_event_id or 0)),
             media_type="text/event-stream",
             headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
         )
 
 
-async def _stream_events(sessions: SessionManager, session_id: SessionId, after: int) -> AsyncIterator[str]:
-    async with aclosing(sessions.follow(session_id, after, HEARTBEAT)) as events:
+async def _stream_events(sessions: SessionManager, owner: str, session_id: str, after: int) -> AsyncIterator[str]:
+    async with aclosing(sessions.follow(owner, session_id, after, HEARTBEAT)) as events:
         async for event in events:
             if event is None:
                 yield ": still here\n\n"

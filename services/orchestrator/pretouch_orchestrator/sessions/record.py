@@ -28,6 +28,7 @@ class Record:
         told: samples of `next_scan` that were told while the robot moves, in the order in which they were told.
         answered: ids of the scans that the client has submitted or skipped.
         reason: a problem document, set when the session is exhausted or failed.
+        version: that of the state in the store from which the record was derived; 0: it was not stored yet.
     """
 
     id: str
@@ -47,6 +48,7 @@ class Record:
     answered: tuple[str, ...] = ()
     budget_used: BudgetUsed = field(default_factory=BudgetUsed)
     reason: dict[str, Any] | None = None
+    version: int = 0
 
     @property
     def registrable_scans(self) -> tuple[Scan, ...]:
