@@ -73,6 +73,10 @@ class Camera:
         """The camera of an image whose first pixel was (u0, v0)."""
         return Camera(self.fx, self.fy, self.cx - u0, self.cy - v0)
 
+    def subsampled(self, step: int) -> Camera:
+        """The camera of an image of every `step`-th pixel in each direction, the first one kept."""
+        return Camera(self.fx / step, self.fy / step, self.cx / step, self.cy / step)
+
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
