@@ -145,6 +145,14 @@ def kinect_depth_std(z: ArrayLike) -> Array:
     return np.asarray(0.0012 + 0.0019 * (np.asarray(z, dtype=np.float64) - 0.4) ** 2, dtype=np.float64)
 
 
+def count_pixels(data: bytes) -> int:
+    """How many pixels a PNG says that it has, at most MAX_PIXELS; 0 for anything else."""
+    if not (data.startswith(_PNG_SIGNATURE) and len(data) >= 24):
+        return 0
+    width, height = struct.unpack(">II", data[16:24])
+    return min(int(width * height), MAX_PIXELS)
+
+
 def decode_depth(data: bytes) -> NDArray[np.generic]:
     """Stored values (h, w) of a 16-bit PNG, or of an `.npy` file of uint16 or float32 (never unpickled).
 

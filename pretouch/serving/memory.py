@@ -72,7 +72,7 @@ class MemoryBudget:
         except BaseException as error:
             if turn.done() and not turn.cancelled():  # its turn came while it gave up
                 self.give_back(size)
-            else:
+            elif entry in self._waiting:
                 self._waiting.remove(entry)
                 self._admit()
             if isinstance(error, TimeoutError):
