@@ -73,6 +73,10 @@ class Camera:
         """The camera of an image whose first pixel was (u0, v0)."""
         return Camera(self.fx, self.fy, self.cx - u0, self.cy - v0)
 
+    def subsampled(self, step: int) -> Camera:
+        """The camera of an image of every `step`-th pixel in each direction, the first one kept."""
+        return Camera(self.fx / step, self.fy / step, self.cx / step, self.cy / step)
+
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
@@ -139,6 +143,14 @@ def kinect_depth_std(z: ArrayLike) -> Array:
     2012.
     """
     return np.asarray(0.0012 + 0.0019 * (np.asarray(z, dtype=np.float64) - 0.4) ** 2, dtype=np.float64)
+
+
+def count_pixels(data: bytes) -> int:
+    """How many pixels a PNG says that it has, at most MAX_PIXELS; 0 for anything else."""
+    if not (data.startswith(_PNG_SIGNATURE) and len(data) >= 24):
+        return 0
+    width, height = struct.unpack(">II", data[16:24])
+    return min(int(width * height), MAX_PIXELS)
 
 
 def decode_depth(data: bytes) -> NDArray[np.generic]:

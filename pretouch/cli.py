@@ -103,6 +103,14 @@ def _serve(
     max_queue: Annotated[
         int, typer.Option(envvar="PRETOUCH_MAX_QUEUE", help="CPU jobs that may wait; more are refused.")
     ] = 16,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            envvar="PRETOUCH_MEMORY",
+            help="Memory that the process may use, such as 800M or 2G.",
+            show_default="half of the machine's or the container's",
+        ),
+    ] = None,
     grace: Annotated[
         float, typer.Option(envvar="PRETOUCH_GRACE", help="Seconds that running calls get at shutdown.")
     ] = 5.0,
@@ -114,6 +122,7 @@ def _serve(
     health_socket: Annotated[Path | None, typer.Option(hidden=True)] = None,
 ) -> None:
     from pretouch.serving import Settings, serve
+    from pretouch.serving.memory import choose_default_memory, parse_bytes
 
     name = str(context.info_name)
     settings = Settings(
@@ -126,6 +135,7 @@ def _serve(
         tls_client_ca=tls_client_ca,
         workers=workers,
         max_queue=max_queue,
+        memory=parse_bytes(memory) if memory else choose_default_memory(),
         grace=grace,
         log_level=log_level,
         health_socket=health_socket,

@@ -94,6 +94,19 @@ class Scene:
         u, v = (np.flatnonzero(self.mask.any(axis=axis)) for axis in (0, 1))
         return int(u[0]), int(v[0]), int(u[-1]) + 1, int(v[-1]) + 1
 
+    def subsampled(self, step: int) -> Scene:
+        """The view of every `step`-th pixel in each direction, the first one kept."""
+        if step == 1:
+            return self
+        window = np.s_[::step, ::step]
+        return Scene(
+            DepthImage(self.depth.metres[window]),
+            self.camera.subsampled(step),
+            self.base_T_camera,
+            self.mask[window],
+            self.table,
+        )
+
     def cropped(self, margin: float) -> tuple[Scene, tuple[int, int]]:
         """The view within `margin` metres of the object, at its depth, and that view's first pixel (u0, v0)."""
         z = float(np.median(self.depth.metres[self.mask]))

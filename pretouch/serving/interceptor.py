@@ -13,14 +13,28 @@ from typing import Any
 import grpc
 import grpc.aio
 import structlog
+from google.protobuf.message import DecodeError
 
-from pretouch.channel import SCAN_ID_METADATA, SESSION_ID_METADATA
-from pretouch.errors import PROBLEM_METADATA_KEY, Internal, PretouchError, problem, wire_of
+from pretouch.channel import MESSAGE_LIMIT, SCAN_ID_METADATA, SESSION_ID_METADATA
+from pretouch.errors import (
+    PROBLEM_METADATA_KEY,
+    DeadlineExceeded,
+    Internal,
+    InvalidInput,
+    Malformed,
+    Overloaded,
+    PretouchError,
+    problem,
+    wire_of,
+)
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.context import ServiceContext
 
 _HEALTH = "/grpc.health.v1.Health/"
 _DETAIL_LENGTH, _MESSAGE_LENGTH = 800, 150  # characters; gRPC refuses metadata beyond 8 KiB, however it is encoded
+_COPIES_READ, _COPIES_HELD = 3, 2
+"""How often a message is in memory while it is parsed (gRPC's buffers, bytes, message), and while it is worked on."""
+_PATIENCE, _READ_WITHIN = 5.0, 20.0  # s
 _LOGGED_IDS = ((SESSION_ID_METADATA, "session"), (SCAN_ID_METADATA, "scan"))
 
 
@@ -44,16 +58,17 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         return self._surround(handler, details.method.removeprefix("/"))
 
     def _surround(self, handler: Any, method: str) -> Any:
+        """Takes every kind of call as a stream of requests: a single one is then read once there is memory for it."""
         kinds = ("unary_unary", "unary_stream") if not handler.request_streaming else ("stream_unary", "stream_stream")
-        kind = kinds[bool(handler.response_streaming)]
-        behaviour = getattr(handler, kind)
+        behaviour = getattr(handler, kinds[bool(handler.response_streaming)])
+        read = _pass_on if handler.request_streaming else self._read_single
 
-        async def single_answer(request: Any, context: grpc.aio.ServicerContext) -> Any:
-            async with self._around(method, context, self._service.settings.deadline):
+        async def single_answer(requests: AsyncIterator[Any], context: grpc.aio.ServicerContext) -> Any:
+            async with self._around(method, context, self._service.settings.deadline), read(requests) as request:
                 return await behaviour(request, context)
 
-        async def many_answers(request: Any, context: grpc.aio.ServicerContext) -> AsyncIterator[Any]:
-            async with self._around(method, context, None):
+        async def many_answers(requests: AsyncIterator[Any], context: grpc.aio.ServicerContext) -> AsyncIterator[Any]:
+            async with self._around(method, context, None), read(requests) as request:
                 answers = behaviour(request, context)
                 if inspect.isawaitable(answers):  # a handler that calls context.write itself
                     await answers
@@ -61,12 +76,32 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
                 async for answer in answers:
                     yield answer
 
+        kind = "stream_stream" if handler.response_streaming else "stream_unary"
         wrap = getattr(grpc, f"{kind}_rpc_method_handler")
         return wrap(
             many_answers if handler.response_streaming else single_answer,
             request_deserializer=handler.request_deserializer,
             response_serializer=handler.response_serializer,
         )
+
+    @asynccontextmanager
+    async def _read_single(self, requests: AsyncIterator[Any]) -> AsyncIterator[Any]:
+        """The call's only request, with memory for it for as long as the block lasts."""
+        budget = self._service.messages
+        async with budget.reserve(min(_COPIES_READ * MESSAGE_LIMIT, budget.limit), _PATIENCE) as held:
+            try:
+                async with asyncio.timeout(_READ_WITHIN):
+                    request = await anext(requests, None)
+            except DecodeError as error:
+                raise Malformed("The request's bytes are no message of its type.", "Send it as .proto says.") from error
+            except TimeoutError as error:
+                raise DeadlineExceeded(
+                    f"The request did not arrive within {_READ_WITHIN:g} s.", "Send it without pausing."
+                ) from error
+            if request is None:
+                raise InvalidInput("The call has no request.", "Send one message.")
+            held.shrink(_COPIES_HELD * request.ByteSize())
+            yield request
 
     @asynccontextmanager
     async def _around(
@@ -83,7 +118,8 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
             self._admission.track_call(),
         ):
             try:
-                async with self._admission.limit_duration(deadline if context.time_remaining() is None else None):
+                remaining = context.time_remaining()  # the client's own deadline, at which it stops listening
+                async with self._admission.limit_duration(deadline if remaining is None else max(remaining, 0.0)):
                     yield
             except (asyncio.CancelledError, GeneratorExit):
                 code = grpc.StatusCode.CANCELLED
@@ -103,6 +139,8 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
 
     def _log_unless_known(self, method: str, caught: Exception) -> PretouchError:
         """`caught` itself if it may cross the wire; any other goes to the log with its trace."""
+        if isinstance(caught, MemoryError):
+            return Overloaded("The service has run out of memory.", "Try again shortly, or ask for less.")
         if isinstance(caught, PretouchError) and not isinstance(caught, Internal):
             return caught
         self._service.log.error("a call met a defect", method=method, exc_info=caught)
@@ -112,6 +150,12 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
             "The service met a defect of its own.",
             "Report it with the service's log of this moment; the request may be sent again.",
         )
+
+
+@asynccontextmanager
+async def _pass_on(requests: AsyncIterator[Any]) -> AsyncIterator[Any]:
+    """The stream itself: its messages are small, and its handler reads them one by one."""
+    yield requests
 
 
 def _texts(metadata: Iterable[tuple[str, Any]] | None) -> dict[str, str]:

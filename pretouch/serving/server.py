@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
@@ -94,6 +93,7 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
         stack.push_async_callback(server.stop, None)
         await server.start()
         services = await stack.enter_async_context(running(cast(grpc.aio.Server, registry), context))
+        context.share_memory()
         names = (*services, health.SERVICE_NAME, reflection.SERVICE_NAME)
         reflection_pb2_grpc.add_ServerReflectionServicer_to_server(reflection.aio.ReflectionServicer(names), registry)
         admission.open()
@@ -130,7 +130,7 @@ def _serve_metrics(stack: AsyncExitStack, context: ServiceContext, settings: Set
         server = MetricsServer(context.metrics, settings.host, settings.metrics_port)
     except OSError as error:
         raise _cannot_listen(settings.address(settings.metrics_port)) from error
-    stack.push_async_callback(asyncio.to_thread, server.close)
+    stack.push_async_callback(context.run_briefly, server.close)
     return server.port
 
 

@@ -17,6 +17,7 @@ from google.protobuf.message import Message
 from google.protobuf.wrappers_pb2 import BytesValue, StringValue
 
 from pretouch import errors
+from pretouch.cancellation import check_cancelled
 from pretouch.serving import ServiceContext, Settings, serve
 
 SERVICE = "test.Probe"
@@ -46,6 +47,8 @@ class Probe:
                 await asyncio.Event().wait()
             case ["spin", seconds]:
                 await self._context.run_in_thread(_spin, float(seconds))
+            case ["grind"]:
+                await self._context.run_in_thread(_grind)
             case ["hold"]:
                 await self._context.run_in_thread(self.release.wait, 30)
             case ["release"]:
@@ -89,6 +92,11 @@ def _spin(seconds: float) -> None:
     end = time.perf_counter() + seconds
     while time.perf_counter() < end:
         sum(range(1000))
+
+
+def _grind() -> None:
+    while True:
+        check_cancelled()
 
 
 @asynccontextmanager

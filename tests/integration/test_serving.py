@@ -193,6 +193,26 @@ async def _call(stub: Stub, request: str) -> str:
     return (await stub.unary(text(request), timeout=TIMEOUT)).value
 
 
+@pytest.mark.parametrize("end", ["the client's deadline", "the service's deadline", "the client hangs up"])
+async def test_a_thread_is_free_again_once_nobody_waits_for_its_work(end: str) -> None:
+    async with probe(workers=1, deadline=0.3 if "service" in end else 60.0) as (stub, service):
+        call = stub.unary(text("grind"), timeout=0.3 if end == "the client's deadline" else None)
+        if end == "the client hangs up":
+            await eventually(lambda: value(service.context, "calls_in_flight") == 1)
+            call.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await call
+        else:
+            assert isinstance(await failure(call), errors.DeadlineExceeded)
+        assert (await stub.unary(text("spin:0"), timeout=TIMEOUT)).value == "spin:0"
+
+
+async def test_a_request_that_is_no_message_of_its_type_is_malformed() -> None:
+    async with probe() as (_, service), open_channel(f"127.0.0.1:{service.port}") as channel:
+        call = channel.unary_unary(f"/{SERVICE}/Unary", bytes, StringValue.FromString)
+        assert isinstance(await failure(call(b"\xff\xff\xff", timeout=TIMEOUT)), errors.Malformed)
+
+
 async def test_health_answers_while_every_worker_is_busy() -> None:
     async with probe(workers=2) as (stub, service), open_channel(f"127.0.0.1:{service.port}") as channel:
         busy = [asyncio.create_task(_call(stub, "spin:1")) for _ in range(2)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pretouch.errors import InvalidInput
+from pretouch_orchestrator.upstream.addresses import Addresses
 
 _PREFIX = "PRETOUCH_ORCHESTRATOR_"
 
@@ -18,13 +19,13 @@ class OrchestratorSettings:
     Attributes:
         rest_port: 0 chooses a free port, which the log names.
         store: where sessions are kept, as `store.open_store` takes it.
-        detector, registrar: host:port.
+        detector, registrar: where their copies are.
         gateway: host:port; None: robots send their own samples.
         tls_ca: certificate authority of the other services; if given, they are called over TLS.
     """
 
-    detector: str
-    registrar: str
+    detector: Addresses
+    registrar: Addresses
     store: str
     gateway: str | None = None
     rest_host: str = "127.0.0.1"
@@ -36,7 +37,8 @@ class OrchestratorSettings:
         """Reads PRETOUCH_ORCHESTRATOR_{DETECTOR, REGISTRAR, STATE, STORE, GATEWAY, REST_HOST, REST_PORT, TLS_CA}.
 
         Raises:
-            InvalidInput: DETECTOR, REGISTRAR, or both STATE and STORE are missing, or REST_PORT is not a port.
+            InvalidInput: DETECTOR, REGISTRAR, or both STATE and STORE are missing, one of the first two is no
+                address, or REST_PORT is not a port.
         """
 
         def get_required(name: str) -> str:
@@ -52,8 +54,8 @@ class OrchestratorSettings:
             raise InvalidInput(f"{_PREFIX}REST_PORT is {port!r}.", "Give a port from 1 to 65535, or 0 for a free one.")
         ca = get_optional("TLS_CA")
         return OrchestratorSettings(
-            detector=get_required("DETECTOR"),
-            registrar=get_required("REGISTRAR"),
+            detector=Addresses.parse(get_required("DETECTOR")),
+            registrar=Addresses.parse(get_required("REGISTRAR")),
             store=get_optional("STORE") or f"sqlite:{get_required('STATE')}",
             gateway=get_optional("GATEWAY"),
             rest_host=get_optional("REST_HOST") or "127.0.0.1",
@@ -63,7 +65,7 @@ class OrchestratorSettings:
 
 
 _MEANING = {
-    "DETECTOR": "the detector's address as host:port",
-    "REGISTRAR": "the registrar's address as host:port",
+    "DETECTOR": "the detector's address as host:port, or those of its copies",
+    "REGISTRAR": "the registrar's address as host:port, or those of its copies",
     "STATE": "a directory in which the orchestrator stores its sessions",
 }

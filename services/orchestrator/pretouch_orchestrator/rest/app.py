@@ -7,20 +7,16 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import aclosing
 from typing import Any
 
-import numpy as np
 from fastapi import FastAPI, Request
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
-from numpy.typing import NDArray
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
-from pretouch.camera import decode_depth, decode_png
-from pretouch.errors import Conflict, InvalidInput, Malformed
+from pretouch.errors import Conflict, Malformed
 from pretouch.serving import ServiceContext
 from pretouch.serving.caller import current_caller
-from pretouch.session import SessionRequest, Submission, Telling
+from pretouch.session import Submission, Telling
 from pretouch.wire.json import (
     progress_to_json,
-    request_from_json,
     scan_plan_to_json,
     session_to_json,
     submission_from_json,
@@ -28,8 +24,8 @@ from pretouch.wire.json import (
 )
 from pretouch_orchestrator.rest import examples, models, openapi
 from pretouch_orchestrator.rest.admission import AdmissionMiddleware
-from pretouch_orchestrator.rest.bodies import parse_json, read_json, read_parts
 from pretouch_orchestrator.rest.body_limit import BodyLimit
+from pretouch_orchestrator.rest.decoding import hold_creation, read_document
 from pretouch_orchestrator.rest.docs_page import render_docs_page
 from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, Purge, ScanId, SessionId
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
@@ -82,8 +78,8 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
 
         Repeating a request with the same `Idempotency-Key` returns the session that the first call created.
         """
-        wanted, values, mask = await context.run_in_thread(_decode_creation, await read_parts(request))
-        session = await sessions.create(current_caller().owner, wanted, values, mask, idempotency_key or None)
+        async with hold_creation(request, context) as (wanted, values, mask):
+            session = await sessions.create(current_caller().owner, wanted, values, mask, idempotency_key or None)
         return JSONResponse(session_to_json(session), 201, {"Location": f"/v1/sessions/{session.id}"})
 
     @app.get(
@@ -98,7 +94,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     async def list_sessions(limit: Limit = DEFAULT_PAGE, cursor: Cursor = "") -> Response:
         """Lists all sessions of this orchestrator in pages."""
         page, following = await sessions.list_page(current_caller().owner, limit, cursor)
-        page_json = await context.run_in_thread(lambda: [session_to_json(session) for session in page])
+        page_json = await context.run_briefly(lambda: [session_to_json(session) for session in page])
         return JSONResponse({"sessions": page_json, "next": following or None})
 
     @app.get(
@@ -157,7 +153,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         """Takes what the finger measured along the planned path. Repeating a scan returns the present session."""
 
         async def read() -> Submission:
-            return await context.run_in_thread(_decode_submission, await read_json(request))
+            return await read_document(request, context, submission_from_json)
 
         return JSONResponse(session_to_json(await sessions.submit(current_caller().owner, session_id, scan_id, read)))
 
@@ -178,30 +174,9 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         """
 
         async def read() -> Telling:
-            return await context.run_in_thread(_decode_telling, await read_json(request))
+            return await read_document(request, context, telling_from_json)
 
         return JSONResponse(progress_to_json(await sessions.tell(current_caller().owner, session_id, scan_id, read)))
-
-
-def _decode_creation(
-    parts: dict[str, bytes],
-) -> tuple[SessionRequest, NDArray[np.generic], NDArray[np.generic] | None]:
-    request = request_from_json(parse_json(parts["request"], "The part 'request'"))
-    values = decode_depth(parts["depth"])
-    if "mask" not in parts:
-        return request, values, None
-    mask = decode_png(parts["mask"], "mask")
-    if mask.ndim != 2:
-        raise InvalidInput("The mask has several channels.", "Send a greyscale PNG without transparency.")
-    return request, values, mask
-
-
-def _decode_submission(body: bytes) -> Submission:
-    return submission_from_json(parse_json(body, "The body"))
-
-
-def _decode_telling(body: bytes) -> Telling:
-    return telling_from_json(parse_json(body, "The body"))
 
 
 def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import asyncio
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import structlog
 from numpy.typing import NDArray
 
 from pretouch.camera import DepthImage
-from pretouch.errors import Unavailable
+from pretouch.errors import RefusedForSize, TooLarge, Unavailable, problem
 from pretouch.estimate import Estimate, from_prior
 from pretouch.exhaustion import Exhaustion
 from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
-from pretouch.session import GatewaySpan, Planner, Points, Region, SessionRequest, Skipped, State, Submission
+from pretouch.session import GatewaySpan, Planner, Points, Region, ScanPlan, SessionRequest, Skipped, State, Submission
 from pretouch.tof import RangeSamples, Scan
 from pretouch_orchestrator.perception.clusters import find_specks
 from pretouch_orchestrator.perception.segmentation import find_object
@@ -45,10 +45,29 @@ from pretouch_orchestrator.sessions.transitions import (
 )
 from pretouch_orchestrator.upstream.interfaces import Detector, Gateway, Registrar
 
+T = TypeVar("T")
 _log = structlog.get_logger()
 _CROP_MARGIN = 0.14
 """m around the object that the crop keeps, besides three standard deviations of the prior."""
 _MAX_REGIONS = 12
+_MAX_PIXELS, _MAX_OBJECT_PIXELS = 1_000_000, 100_000
+"""Pixels that a session keeps of an image, and of the object: of more, every second one in each direction, or every
+third, and so on. The registrar registers no more of an object in any case."""
+_BYTES_A_PIXEL, _BYTES_OF_AN_IMAGE = 600, 8
+"""Memory for perception in a pixel that is kept, and for what a pixel that is sent needs until then."""
+MAX_SAMPLES = 400_000
+"""Samples of all scans of a session: those that one call to the registrar may hold."""
+
+
+class RunInThread(Protocol):
+    """Runs `fn(*args)` off the event loop; `memory` is what it needs at its peak, in bytes."""
+
+    async def __call__(self, fn: Callable[..., T], *args: Any, memory: int = 0) -> T: ...
+
+
+async def run_here(fn: Callable[..., T], *args: Any, memory: int = 0) -> T:
+    """Runs `fn(*args)` at once, in a program that has nothing else to do."""
+    return fn(*args)
 
 
 class Loop:
@@ -56,12 +75,20 @@ class Loop:
 
     Args:
         gateway: None where the orchestrator was started without one.
+        run: runs the planning and perception of a step.
     """
 
-    def __init__(self, detector: Detector, registrar: Registrar, gateway: Gateway | None = None) -> None:
+    def __init__(
+        self,
+        detector: Detector,
+        registrar: Registrar,
+        gateway: Gateway | None = None,
+        run: RunInThread = run_here,
+    ) -> None:
         self._detector = detector
         self._registrar = registrar
         self._gateway = gateway
+        self._run = run
 
     async def open(
         self, id: str, created: float, request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
@@ -77,12 +104,19 @@ class Loop:
             InvalidInput: no depth, no object, no table, or a mask or roi that does not fit.
             PretouchError: what the detector or the registrar raised.
         """
-        scene, origin = await asyncio.to_thread(prepare_scene, request, depth, mask)
+        memory = estimate_preparation(depth.metres.size)
+        scene, origin = await self._run(prepare_scene, request, depth, mask, memory=memory)
+        step = round(request.camera.fx / scene.camera.fx)
         seed = zlib.crc32(scene.depth.metres.tobytes())
         proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)
-        estimate = await asyncio.to_thread(from_prior, request.prior, scene.cloud)
+        estimate = await self._run(from_prior, request.prior, scene.cloud)
         regions = tuple(
-            Region(f"region-{k}", region.rectangle.shifted(*origin), region.confidence, estimate.expected_error)
+            Region(
+                f"region-{k}",
+                region.rectangle.scaled(step).shifted(*origin),
+                region.confidence,
+                estimate.expected_error,
+            )
             for k, region in enumerate(proposed[:_MAX_REGIONS], start=1)
         )
         return await self._plan_or_end(Record(id, created, request, scene, origin, proposer, regions, estimate))
@@ -92,7 +126,7 @@ class Loop:
 
         Samples of faulty modules are left out. A scan of which no sample is left still counts against the budget, and
         the estimate stays as it was except for its `sensor_problem`. If the next scan is no better, even one without a
-        single return, the session ends: a third one would fail too.
+        single return, the session ends: a third one would fail too. It fails if it has become too large to be sent.
 
         Raises:
             Conflict: the session has ended.
@@ -102,7 +136,12 @@ class Loop:
         """
         if scan_id in record.answered:
             return record
-        plan = get_pending_plan(record, scan_id)
+        try:
+            return await self._advance(record, get_pending_plan(record, scan_id), submission)
+        except RefusedForSize as error:
+            return end_session(record, State.FAILED, problem(error))
+
+    async def _advance(self, record: Record, plan: ScanPlan, submission: Submission) -> Record:
         if isinstance(submission, Skipped):
             return await self._plan_or_end(skip_scan(record, plan))
         if isinstance(submission, GatewaySpan):
@@ -111,7 +150,7 @@ class Loop:
         else:
             submission = complete_with_rest(record, submission)
         scan, estimate = await self._register(record, submission)
-        after = await asyncio.to_thread(apply_scan, record, plan, submission, scan, estimate)
+        after = await self._run(apply_scan, record, plan, submission, scan, estimate)
         if record.estimate.sensor_problem and estimate.sensor_problem:
             return exhaust_session(after, Exhaustion.SENSOR)
         return await self._plan_or_end(after)
@@ -127,12 +166,17 @@ class Loop:
 
     async def _register(self, record: Record, submission: RangeSamples | Points) -> tuple[Scan, Estimate]:
         """The scan without the samples of faulty modules, and the estimate from all scans, this one included."""
-        kept, faults = await asyncio.to_thread(drop_faulty_modules, record, submission)
+        kept, faults = await self._run(drop_faulty_modules, record, submission)
         if faults and isinstance(kept, RangeSamples) and len(kept) == 0:
             return Scan.concatenate([]), replace(record.estimate, sensor_problem=faults)
         if faults:
             _log.warning("modules of the sensor are left out", session=record.id, problem=faults)
         scan = scan_from_submission(record, kept)
+        if (count := sum(map(len, record.measured)) + len(scan)) > MAX_SAMPLES:
+            raise TooLarge(
+                f"With this scan the session would have {count} samples; the limit is {MAX_SAMPLES}.",
+                "Thin out the scan, or open a new session with the present estimate.",
+            )
         scans = replace(record, measured=(*record.measured, scan)).registrable_scans
         if not scans:
             return scan, record.estimate
@@ -154,8 +198,8 @@ class Loop:
             return end_session(record, State.CONVERGED)
         if record.budget_used.scans >= record.request.budget.scans:
             return exhaust_session(record, Exhaustion.SCANS)
-        paths = await asyncio.to_thread(plan_over_object, record)
-        affordable = await asyncio.to_thread(select_affordable, record, paths)
+        paths = await self._run(plan_over_object, record)
+        affordable = await self._run(select_affordable, record, paths)
         options = await self._predict(record, affordable)
         record = update_regions(record, options)
         best = await self._choose(record, options)
@@ -163,7 +207,7 @@ class Loop:
             return plan_scan(record, best)
         if any(option.visible for option in options):
             return exhaust_session(record, Exhaustion.NOTHING_TO_GAIN)
-        limit = Exhaustion.OUT_OF_RANGE if affordable else await asyncio.to_thread(find_limit, record, paths)
+        limit = Exhaustion.OUT_OF_RANGE if affordable else await self._run(find_limit, record, paths)
         return exhaust_session(record, limit)
 
     async def _choose(self, record: Record, options: Sequence[Option]) -> Option | None:
@@ -174,7 +218,7 @@ class Loop:
         if record.request.planner is Planner.INFORMATION:
             best = await self._choose_carefully(record, [option for option in options if option.well_visible])
             if best is None and options:
-                nearby = await self._predict(record, await asyncio.to_thread(plan_nearby, record))
+                nearby = await self._predict(record, await self._run(plan_nearby, record))
                 best = await self._choose_carefully(record, [option for option in nearby if option.well_visible])
         return best or await self._choose_carefully(record, [option for option in options if option.visible])
 
@@ -208,12 +252,33 @@ class Loop:
 def prepare_scene(
     request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
 ) -> tuple[Scene, tuple[int, int]]:
-    """The client's view cropped to the object's surroundings, without specks, and the crop's first pixel (u0, v0)."""
-    whole = find_object(depth, request.camera, request.base_T_camera, request.roi, mask, request.table)
+    """The client's view cropped to the object's surroundings, without specks, and the crop's first pixel (u0, v0).
+
+    An image of more than a megapixel is subsampled first, and a large object once more.
+    """
+    step = _choose_step(depth.metres.size / _MAX_PIXELS)
+    camera, roi = request.camera, request.roi
+    if step > 1 and (mask is None or mask.shape == depth.metres.shape):
+        depth, camera = DepthImage(depth.metres[::step, ::step]), camera.subsampled(step)
+        mask = None if mask is None else mask[::step, ::step]
+        roi = None if roi is None else (roi[0] // step, roi[1] // step, -(-roi[2] // step), -(-roi[3] // step))
+    whole = find_object(depth, camera, request.base_T_camera, roi, mask, request.table)
     prior = request.prior
     scene, origin = whole.cropped(
         _CROP_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))
     )
     metres = scene.depth.metres
     cleaned = np.where(find_specks(metres, scene.camera.fx) & ~scene.mask, 0, metres)
-    return replace(scene, depth=DepthImage(cleaned)), origin
+    scene = replace(scene, depth=DepthImage(cleaned))
+    coarser = _choose_step(scene.mask.sum() / _MAX_OBJECT_PIXELS)
+    return scene.subsampled(coarser), (step * origin[0], step * origin[1])
+
+
+def _choose_step(ratio: float) -> int:
+    """The step that leaves one pixel of `ratio` pixels, or fewer."""
+    return max(1, int(np.ceil(np.sqrt(ratio))))
+
+
+def estimate_preparation(pixels: int) -> int:
+    """Bytes that `prepare_scene` needs at its peak for an image of so many pixels."""
+    return _BYTES_A_PIXEL * min(pixels, _MAX_PIXELS) + _BYTES_OF_AN_IMAGE * pixels
