@@ -77,11 +77,11 @@ async def test_a_full_disk_is_unavailable_and_passes(tmp_path: Path) -> None:
         database = store._database
         pages = await database.write(lambda tx: tx.execute("PRAGMA page_count"))
         await database.write(lambda tx: tx.execute(f"PRAGMA max_page_count = {pages[0]['page_count']}"))
-        with pytest.raises(Unavailable, match="cannot be written"):
-            await store.check()
-        with pytest.raises(Unavailable, match="cannot be written"):
+        with pytest.raises(Unavailable, match="cannot be written"):  # noqa: PT012
             for count in range(100):
                 await store.create("", a_record(f"more {count}"), [], None)
+        with pytest.raises(Unavailable, match="cannot be written"):
+            await store.check()
         await database.write(lambda tx: tx.execute("PRAGMA max_page_count = 1073741823"))
         await store.check()
         await store.create("", a_record("two"), [], None)

@@ -94,14 +94,18 @@ class PostgresqlDatabase:
         self._down_because = ""
 
     async def read(self, work: Callable[[Transaction], T]) -> T:
-        result, _ = await self._retry("read", work, "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY")
+        result, _ = await self._retry("read", work, "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY", _PATIENCE)
         return result
 
-    async def write(self, work: Callable[[Transaction], T]) -> T:
-        result, topics = await self._retry("written", work, "BEGIN ISOLATION LEVEL READ COMMITTED READ WRITE")
+    async def write(self, work: Callable[[Transaction], T], *, patient: bool = True) -> T:
+        begin = "BEGIN ISOLATION LEVEL READ COMMITTED READ WRITE"
+        result, topics = await self._retry("written", work, begin, _PATIENCE if patient else _PAUSE)
         for topic in topics:
             self._changes.announce(topic)
         return result
+
+    def check_disk(self) -> None:
+        """Nothing to see: the disk is the server's, which refuses to write to a full one."""
 
     async def shrink(self) -> None:
         """Nothing to do: autovacuum makes free space usable again."""
@@ -111,8 +115,10 @@ class PostgresqlDatabase:
         for connection in self._connections:
             connection.close()
 
-    async def _retry(self, done: str, work: Callable[[Transaction], T], begin: str) -> tuple[T, list[str]]:
-        loop, until = asyncio.get_running_loop(), time.monotonic() + _PATIENCE
+    async def _retry(
+        self, done: str, work: Callable[[Transaction], T], begin: str, patience: float
+    ) -> tuple[T, list[str]]:
+        loop, until = asyncio.get_running_loop(), time.monotonic() + patience
         while True:
             try:
                 return await loop.run_in_executor(self._threads, lambda: self._run(work, begin))

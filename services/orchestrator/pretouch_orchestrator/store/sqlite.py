@@ -22,6 +22,8 @@ from pretouch_orchestrator.store.sqlite_migrations import migrate
 FILE_NAME = "sessions.sqlite"
 _REMEDY = "Check the state directory's disk and permissions, then try again."
 _SHRINK_PAGES = 1000
+_MIN_FREE = 32 * 2**20
+"""Bytes of free disk below which the store says that it is not ready: a large depth image and its log."""
 
 T = TypeVar("T")
 
@@ -46,6 +48,7 @@ class SqliteDatabase:
     """
 
     def __init__(self, path: Path, changes: Changes) -> None:
+        self._folder = path.parent
         self._changes = changes
         self._writer, self._reader = _connect(path), _connect(path)
         self._writing = ThreadPoolExecutor(1, "pretouch-store-write")
@@ -57,7 +60,7 @@ class SqliteDatabase:
         except sqlite3.DatabaseError as error:
             raise _unavailable("read", error) from error
 
-    async def write(self, work: Callable[[Transaction], T]) -> T:
+    async def write(self, work: Callable[[Transaction], T], *, patient: bool = True) -> T:
         try:
             result, topics = await _in_thread(self._writing, lambda: _run(self._writer, "BEGIN IMMEDIATE", work))
         except sqlite3.DatabaseError as error:
@@ -65,6 +68,19 @@ class SqliteDatabase:
         for topic in topics:
             self._changes.announce(topic)
         return result
+
+    def check_disk(self) -> None:
+        try:
+            disk = os.statvfs(self._folder)
+        except OSError as error:
+            raise Unavailable(f"The state directory {self._folder} cannot be read: {error}.", _REMEDY) from error
+        free = disk.f_bavail * disk.f_frsize
+        if free < _MIN_FREE:
+            raise Unavailable(
+                f"The disk of the state directory {self._folder} has {free / 2**20:.1f} MiB left; sessions need "
+                f"{_MIN_FREE >> 20}.",
+                "Make room on the disk.",
+            )
 
     async def shrink(self) -> None:
         try:
@@ -136,6 +152,7 @@ def _connect(path: Path) -> sqlite3.Connection:
     db.create_function("epoch", 0, time.time)
     db.execute("PRAGMA auto_vacuum = INCREMENTAL")  # of a new file
     db.execute("PRAGMA journal_mode = WAL")
+    db.execute(f"PRAGMA journal_size_limit = {_MIN_FREE}")
     # FULL: answered steps survive a power cut. Steps are seconds apart, so the fsync costs nothing.
     db.execute("PRAGMA synchronous = FULL")
     db.execute("PRAGMA foreign_keys = ON")
