@@ -66,4 +66,5 @@ def scene_of(
         InvalidInput: no object or no table is found.
     """
     request = SessionRequest(camera, base_T_camera, depth_scale=1.0, proposer=None, planner=Planner.INFORMATION)
-    return prepare_scene(request, depth, mask)
+    scene, origin, _ = prepare_scene(request, depth, mask)
+    return scene, origin

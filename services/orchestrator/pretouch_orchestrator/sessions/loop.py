@@ -6,6 +6,7 @@ import asyncio
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import structlog
@@ -18,8 +19,11 @@ from pretouch.exhaustion import Exhaustion
 from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
 from pretouch.session import GatewaySpan, Planner, Points, Region, SessionRequest, Skipped, State, Submission
+from pretouch.session_warning import SessionWarning, merge_warnings
 from pretouch.tof import RangeSamples, Scan
 from pretouch_orchestrator.perception.clusters import find_specks
+from pretouch_orchestrator.perception.depth_check import check_intrinsics
+from pretouch_orchestrator.perception.placement_check import check_placement
 from pretouch_orchestrator.perception.segmentation import find_object
 from pretouch_orchestrator.planning.candidates import CandidatePath
 from pretouch_orchestrator.planning.planner import Option
@@ -34,6 +38,7 @@ from pretouch_orchestrator.sessions.transitions import (
     choose_unpredicted,
     drop_faulty_modules,
     get_pending_plan,
+    inspect_submission,
     is_predicted,
     plan_nearby,
     plan_over_object,
@@ -42,6 +47,7 @@ from pretouch_orchestrator.sessions.transitions import (
     shortlist_options,
     skip_scan,
     update_regions,
+    warn_of_faults,
 )
 from pretouch_orchestrator.upstream.interfaces import Detector, Gateway, Registrar
 
@@ -49,6 +55,14 @@ _log = structlog.get_logger()
 _CROP_MARGIN = 0.14
 """m around the object that the crop keeps, besides three standard deviations of the prior."""
 _MAX_REGIONS = 12
+
+
+class _Registered(NamedTuple):
+    """A scan without the samples of faulty modules, the estimate with it, and what is wrong with those, or ""."""
+
+    scan: Scan
+    estimate: Estimate
+    faults: str
 
 
 class Loop:
@@ -74,10 +88,10 @@ class Loop:
             mask: (h, w), True on the object; None: the object is segmented.
 
         Raises:
-            InvalidInput: no depth, no object, no table, or a mask or roi that does not fit.
+            InvalidInput: no depth, no object, no table, a mask or roi that does not fit, or what cannot be.
             PretouchError: what the detector or the registrar raised.
         """
-        scene, origin = await asyncio.to_thread(prepare_scene, request, depth, mask)
+        scene, origin, warnings = await asyncio.to_thread(prepare_scene, request, depth, mask)
         seed = zlib.crc32(scene.depth.metres.tobytes())
         proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)
         estimate = await asyncio.to_thread(from_prior, request.prior, scene.cloud)
@@ -85,7 +99,8 @@ class Loop:
             Region(f"region-{k}", region.rectangle.shifted(*origin), region.confidence, estimate.expected_error)
             for k, region in enumerate(proposed[:_MAX_REGIONS], start=1)
         )
-        return await self._plan_or_end(Record(id, created, request, scene, origin, proposer, regions, estimate))
+        record = Record(id, created, request, scene, origin, proposer, regions, estimate, warnings=warnings)
+        return await self._plan_or_end(record)
 
     async def advance(self, record: Record, scan_id: str, submission: Submission) -> Record:
         """The session after its planned scan was answered; `record` itself if `scan_id` was answered before.
@@ -97,7 +112,7 @@ class Loop:
         Raises:
             Conflict: the session has ended.
             NotFound: no such scan is planned.
-            InvalidInput: the scan is empty or does not fit the sensor; the session is unchanged.
+            InvalidInput: the scan is empty, does not fit the sensor or cannot be of the plan; the session is unchanged.
             PretouchError: what the registrar or the gateway raised; the session is unchanged.
         """
         if scan_id in record.answered:
@@ -110,8 +125,11 @@ class Loop:
             submission = complete_from_gateway(record, submission, fetched)
         else:
             submission = complete_with_rest(record, submission)
-        scan, estimate = await self._register(record, submission)
+        warnings = inspect_submission(record, plan, submission)
+        scan, estimate, faults = await self._register(record, submission)
         after = await asyncio.to_thread(apply_scan, record, plan, submission, scan, estimate)
+        warnings += warn_of_faults(plan, faults)
+        after = replace(after, warnings=merge_warnings(record.warnings, warnings))
         if record.estimate.sensor_problem and estimate.sensor_problem:
             return exhaust_session(after, Exhaustion.SENSOR)
         return await self._plan_or_end(after)
@@ -122,22 +140,23 @@ class Loop:
         Raises:
             PretouchError: what the registrar raised.
         """
-        _, estimate = await self._register(record, record.told_samples)
+        estimate = (await self._register(record, record.told_samples)).estimate
         return Assessment.of(record, estimate)
 
-    async def _register(self, record: Record, submission: RangeSamples | Points) -> tuple[Scan, Estimate]:
-        """The scan without the samples of faulty modules, and the estimate from all scans, this one included."""
+    async def _register(self, record: Record, submission: RangeSamples | Points) -> _Registered:
+        """Registers all scans, this one included, without the samples of faulty modules."""
         kept, faults = await asyncio.to_thread(drop_faulty_modules, record, submission)
         if faults and isinstance(kept, RangeSamples) and len(kept) == 0:
-            return Scan.concatenate([]), replace(record.estimate, sensor_problem=faults)
+            return _Registered(Scan.concatenate([]), replace(record.estimate, sensor_problem=faults), faults)
         if faults:
             _log.warning("modules of the sensor are left out", session=record.id, problem=faults)
         scan = scan_from_submission(record, kept)
         scans = replace(record, measured=(*record.measured, scan)).registrable_scans
         if not scans:
-            return scan, record.estimate
+            return _Registered(scan, record.estimate, faults)
         request = record.request
-        return scan, await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+        estimate = await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+        return _Registered(scan, estimate, faults)
 
     async def fetch_samples(self, span: GatewaySpan) -> RangeSamples:
         """The gateway's samples of the span; raises what the gateway raised, and `Unavailable` where there is none."""
@@ -207,13 +226,23 @@ class Loop:
 
 def prepare_scene(
     request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
-) -> tuple[Scene, tuple[int, int]]:
-    """The client's view cropped to the object's surroundings, without specks, and the crop's first pixel (u0, v0)."""
-    whole = find_object(depth, request.camera, request.base_T_camera, request.roi, mask, request.table)
+) -> tuple[Scene, tuple[int, int], tuple[SessionWarning, ...]]:
+    """The client's view cropped to the object's surroundings, without specks.
+
+    Returns:
+        The view, the crop's first pixel (u0, v0), and what is legal but odd about what the client sent.
+
+    Raises:
+        InvalidInput: no depth, no object, no table, a mask or roi that does not fit, or what cannot be.
+    """
+    warnings = check_intrinsics(request, depth.width, depth.height)
+    found = find_object(depth, request.camera, request.base_T_camera, request.roi, mask, request.table)
+    whole = found.scene
+    warnings += [*found.warnings, *check_placement(request, whole, found.seen)]
     prior = request.prior
     scene, origin = whole.cropped(
         _CROP_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))
     )
     metres = scene.depth.metres
     cleaned = np.where(find_specks(metres, scene.camera.fx) & ~scene.mask, 0, metres)
-    return replace(scene, depth=DepthImage(cleaned)), origin
+    return replace(scene, depth=DepthImage(cleaned)), origin, tuple(warnings)

@@ -72,4 +72,5 @@ def record_from_columns(columns: dict[str, Any], beams: Iterable[bytes], told: I
         answered=tuple(json.loads(columns["answered"])),
         budget_used=view.budget_used,
         reason=view.reason,
+        warnings=view.warnings,
     )
