@@ -170,9 +170,8 @@ def from_problem(document: dict[str, Any]) -> PretouchError:
     seconds = document.get("retry_after")
     if not isinstance(seconds, int | float) or not 0 <= seconds < 1e9:
         seconds = None if kind.RETRY_AFTER is None else math.inf
-    return kind(
-        str(document.get("detail", "")), str(document.get("remedy", "")), None if seconds is None else float(seconds)
-    )
+    detail = str(document.get("detail") or "The service did not say what was wrong.")
+    return kind(detail, str(document.get("remedy", "")), None if seconds is None else float(seconds))
 
 
 _UNREACHABLE = (

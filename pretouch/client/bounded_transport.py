@@ -10,7 +10,7 @@ import socket
 import ssl
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import httpcore
@@ -104,6 +104,8 @@ class _BoundedStream(httpcore.NetworkStream):
                 left = left[connection.send(left) :]
 
     def close(self) -> None:
+        with suppress(OSError):  # another thread may be reading, which closing alone would not end
+            self._unbounded.get_extra_info("socket").shutdown(socket.SHUT_RDWR)
         self._unbounded.close()
 
     def start_tls(

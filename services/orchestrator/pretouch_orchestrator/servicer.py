@@ -39,7 +39,8 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         return pb.GetSessionResponse(session=session_to_proto(await self._sessions.get(request.session_id)))
 
     async def ListSessions(self, request: pb.ListSessionsRequest, context: Any) -> pb.ListSessionsResponse:
-        sessions, following = await self._sessions.list_page(request.limit or DEFAULT_PAGE, request.cursor)
+        limit = request.limit if request.HasField("limit") else DEFAULT_PAGE
+        sessions, following = await self._sessions.list_page(limit, request.cursor)
         return pb.ListSessionsResponse(sessions=map(session_to_proto, sessions), next=following)
 
     async def SubmitScan(self, request: pb.SubmitScanRequest, context: Any) -> pb.SubmitScanResponse:
