@@ -1,4 +1,4 @@
-"""What clients that hold connections cost the others: `python -m benchmarks.connections [--connections N] [--json OUT]`.
+"""What clients that hold connections cost the others: `python -m benchmarks.connections [--kind KIND] [--json OUT]`.
 
 One orchestrator as a process of its own, with a limit of 1,024 open files, is held by N connections of one kind after
 the other, while a good client asks over a new connection ten times a second:
@@ -9,8 +9,8 @@ the other, while a good client asks over a new connection ten times a second:
     unread    documents are asked for a hundred times over, and no answer is read
     grpc      connections to the gRPC port, and nothing on them
 
-Of each kind: the good client's answers and their times, how many of the connections the service still holds at the end, how
-many lines and bytes it logged, and the memory that it holds then.
+Of each kind: the good client's answers and their times, how many of the connections the service still holds at the end,
+how many lines and bytes it logged, and the memory that it holds then.
 """
 
 from __future__ import annotations
@@ -123,12 +123,13 @@ async def _start(folder: Path, log: Path) -> tuple[asyncio.subprocess.Process, i
         )
     async with asyncio.timeout(_READY_WITHIN):
         while True:
-            lines = [json.loads(line) for line in log.read_text().splitlines() if line.startswith("{")]
+            text = await asyncio.to_thread(log.read_text)
+            lines = [json.loads(line) for line in text.splitlines() if line.startswith("{")]
             ports = {line["event"]: line["port"] for line in lines if "port" in line}
             if "ready" in ports:
                 return process, ports["REST"], ports["ready"]
             if process.returncode is not None:
-                raise RuntimeError(log.read_text())
+                raise RuntimeError(text)
             await asyncio.sleep(0.1)
 
 

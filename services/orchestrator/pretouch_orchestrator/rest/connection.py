@@ -136,4 +136,4 @@ class BoundedConnection(H11Protocol):
 def _explain(error: BaseException | None) -> Malformed | TooLarge:
     if isinstance(error, h11.RemoteProtocolError) and error.error_status_hint == 431:
         return TooLarge("The request's head is too large.", f"Send headers of at most {MAX_HEAD} bytes.")
-    return Malformed(f"The request is no HTTP/1.1: {str(error):.200}.", "Let an HTTP library write the request.")
+    return Malformed(f"The request is no HTTP/1.1: {error!s:.200}.", "Let an HTTP library write the request.")
