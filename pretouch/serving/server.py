@@ -18,17 +18,26 @@ from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.context import ServiceContext
 from pretouch.serving.interceptor import CallInterceptor
 from pretouch.serving.metrics import MetricsServer
+from pretouch.serving.open_files import get_connection_limit
 from pretouch.serving.settings import Settings
 from pretouch.tls import server_credentials
 
 Running = Callable[[grpc.aio.Server, ServiceContext], AbstractAsyncContextManager[tuple[str, ...]]]
 """A service: registers its servicers, warms up, yields their full names, and closes what it opened."""
 
+_METADATA_LIMIT = 16 * 1024  # bytes of a call's metadata
 _OPTIONS = (
     *MESSAGE_LIMITS,
     ("grpc.so_reuseport", 0),  # a second server on the same port fails instead of taking half of the calls
     ("grpc.keepalive_time_ms", 60_000),  # finds out that the other end of a quiet stream is gone
     ("grpc.keepalive_timeout_ms", 20_000),
+    ("grpc.http2.min_ping_interval_without_data_ms", 1_000),  # clients may do so too, as often as they like
+    ("grpc.keepalive_permit_without_calls", 1),
+    ("grpc.server_handshake_timeout_ms", 10_000),
+    ("grpc.max_connection_idle_ms", 600_000),  # without a call; no limit to the age of those with a stream
+    ("grpc.max_concurrent_streams", 1_000),
+    ("grpc.max_metadata_size", _METADATA_LIMIT),
+    ("grpc.absolute_max_metadata_size", _METADATA_LIMIT),
 )
 _SERVING = health_pb2.HealthCheckResponse.SERVING
 _NOT_SERVING = health_pb2.HealthCheckResponse.NOT_SERVING
@@ -77,7 +86,8 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
         admission = AdmissionControl(settings.token)
         registry = _Registry()
         interceptors = (CallInterceptor(context, admission),)
-        server = grpc.aio.server(handlers=(registry,), interceptors=interceptors, options=_OPTIONS)
+        options = (*_OPTIONS, ("grpc.max_allowed_incoming_connections", get_connection_limit()))
+        server = grpc.aio.server(handlers=(registry,), interceptors=interceptors, options=options)
         statuses = health.aio.HealthServicer()
         await statuses.set("", _NOT_SERVING)
         health_pb2_grpc.add_HealthServicer_to_server(statuses, server)
