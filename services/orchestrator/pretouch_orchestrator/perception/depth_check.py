@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
@@ -35,11 +38,8 @@ _SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
 
 
 def describe_depth(depth: DepthImage) -> str:
-    """A sentence with the median depth and the scale that was used, and the scales that would be likelier."""
-    metres = depth.metres[depth.metres > 0]
-    if len(metres) == 0:
-        return f"No pixel has a depth with depth_scale {depth.scale:g}."
-    median = float(np.median(metres))
+    """The median depth of an image with depth and the scale that was used, and the scales that would be likelier."""
+    median = float(np.median(depth.metres[depth.metres > 0]))
     text = f"The median depth is {median:.3g} m with depth_scale {depth.scale:g}."
     if USUAL_DEPTH[0] <= median <= USUAL_DEPTH[1]:
         return text
@@ -59,7 +59,10 @@ def check_depth(depth: DepthImage) -> None:
     """Raises `InvalidInput` if the image has no depth, its bytes are swapped, or nothing in it can be scanned."""
     seen = depth.metres > 0
     if not seen.any():
-        raise InvalidInput("The depth image holds no depth.", "Send metres = value x depth_scale; 0 means no data.")
+        raise InvalidInput(
+            f"The depth image holds no depth: all of it is no data, with depth_scale {depth.scale:g}.",
+            "Send depth in units of camera.depth_scale; 0, NaN and a type's largest value mean no data.",
+        )
     _check_bytes(depth)
     near, far = _POSSIBLE_DEPTH
     if not (seen & (depth.metres >= near) & (depth.metres <= far)).any():
@@ -71,11 +74,10 @@ def check_depth(depth: DepthImage) -> None:
 
 def _check_bytes(depth: DepthImage) -> None:
     """Swapping the bytes of 16-bit values, if the image is far too rough, must not make it smooth."""
-    rows = depth.metres[:: max(1, depth.height // 64)]
-    rough = _measure_roughness(rows)
+    rough = _measure_roughness(depth.metres)
     if rough < _MIN_ROUGHNESS:
         return
-    stored = np.round(rows / depth.scale)
+    stored = np.round(depth.metres / depth.scale)
     if stored.max() > np.iinfo(np.uint16).max:
         return
     if _measure_roughness(stored.astype(np.uint16).byteswap().astype(np.float64)) * _MIN_GAIN > rough:
@@ -87,13 +89,19 @@ def _check_bytes(depth: DepthImage) -> None:
     )
 
 
-def _measure_roughness(rows: Array) -> float:
-    """The median difference of horizontal neighbours with depth, as a share of the depth."""
-    left, right = rows[:, :-1], rows[:, 1:]
-    both = (left > 0) & (right > 0)
-    if not both.any():
-        return 0.0
-    return float(np.median(np.abs(left[both] - right[both]) / np.minimum(left[both], right[both])))
+def _measure_roughness(depth: NDArray[np.floating[Any]]) -> float:
+    """The median difference of neighbours with depth, as a share of the depth, along rows or columns: the larger.
+
+    Images may well be constant along either: of a table, along the horizon.
+    """
+    thin = max(1, max(depth.shape) // 100)
+    rows, columns = depth[::thin], depth[:, ::thin]
+    roughness = [0.0]
+    for a, b in ((rows[:, :-1], rows[:, 1:]), (columns[:-1], columns[1:])):
+        both = (a > 0) & (b > 0)
+        if both.any():
+            roughness.append(float(np.median(np.abs(a[both] - b[both]) / np.minimum(a[both], b[both]))))
+    return max(roughness)
 
 
 def check_object(scene: Scene) -> None:

@@ -7,15 +7,22 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pretouch.camera import DepthImage
 from pretouch.errors import InvalidInput
+from pretouch.geometry import Array
 from pretouch.scene import MIN_OBJECT_PIXELS
 from pretouch.session_warning import SessionWarning
 from pretouch_orchestrator.perception.clusters import depth_jump_threshold
+from pretouch_orchestrator.perception.depth_check import describe_depth
 from pretouch_orchestrator.perception.table_view import Pixels, TableView
 
 _MAX_CLUSTERS = 20
 _BELOW_TABLE = 0.01
 """m below the table, besides noise, beyond which nothing belongs to an object on it."""
+_BESIDE_TABLE = 0.3
+"""Weight of a part that is not over the table: an object may reach beyond its edge, but most often it is background."""
+_MAX_GAP = 0.1
+"""m between an object's parts that something in front of it separates, where they are not over the table."""
 _MIN_RAISED, _USUAL_RAISED = 0.15, 0.5
 """Share of a mask that rises above the table: with less it marks no object that the camera sees; less is unusual."""
 _INVERTED_SHARE, _INVERTED_TABLE, _INVERTED_REST = 0.5, 0.8, 0.5
@@ -29,12 +36,13 @@ class CleanMask(NamedTuple):
     warnings: tuple[SessionWarning, ...]
 
 
-def check_mask(mask: Pixels, area: Pixels, seen: Pixels) -> Pixels:
+def check_mask(mask: Pixels, area: Pixels, depth: DepthImage) -> Pixels:
     """The mask (h, w) within the roi's `area` (h, w).
 
     Raises:
-        InvalidInput: a mask of another size, or without pixels that were `seen` (h, w).
+        InvalidInput: a mask of another size, or without pixels with depth.
     """
+    seen = depth.metres > 0
     if mask.shape != seen.shape:
         raise InvalidInput(
             f"The mask is {list(mask.shape)} pixels (h, w), the depth image {list(seen.shape)}.",
@@ -46,7 +54,8 @@ def check_mask(mask: Pixels, area: Pixels, seen: Pixels) -> Pixels:
         raise InvalidInput("The mask is empty within the roi.", "Send a roi that holds the object, or none.")
     if not (mask & area & seen).any():
         raise InvalidInput(
-            "The depth image has no data within the mask.", "Check that the mask belongs to the depth image."
+            f"The depth image has no data within the mask. {describe_depth(depth)}",
+            "Check that the mask belongs to the depth image.",
         )
     return mask & area
 
@@ -78,7 +87,7 @@ def refuse_inverted(view: TableView, mask: Pixels) -> None:
 def clean_mask(view: TableView, mask: Pixels) -> CleanMask:
     """The object's pixels in a mask: without those below the table, flying pixels, specks and background in mid-air.
 
-    Large parts are kept where they are over the table, small ones where they are next to large ones.
+    The largest part is kept, and others over the table or near it; of small ones those without a jump in depth between.
 
     Raises:
         InvalidInput: nothing in it rises above the table.
@@ -86,22 +95,25 @@ def clean_mask(view: TableView, mask: Pixels) -> CleanMask:
     low = (view.depth > 0) & (view.heights < -3 * view.std - _BELOW_TABLE)
     labels = view.label(mask & ~low)
     sizes = np.bincount(labels.ravel())
-    large = [k for k in range(1, min(len(sizes), _MAX_CLUSTERS + 1)) if sizes[k] >= MIN_OBJECT_PIXELS]
-    parts = [k for k in large if view.is_over_table(labels == k)] or large[:1]
-    pixels = np.isin(labels, parts)
-    pixels |= _find_adjoining(view, (labels > 0) & ~np.isin(labels, large), pixels)
+    large = [k for k in range(1, min(len(sizes), _MAX_CLUSTERS + 1)) if sizes[k] >= MIN_OBJECT_PIXELS] or [1]
+    over = [k for k in large if view.is_over_table(labels == k)]
+    main = max(large, key=lambda k: sizes[k] * (1.0 if k in over else _BESIDE_TABLE))
+    pixels = np.isin(labels, [main, *over])
+    for k in large:
+        if k != main and k not in over and _measure_gaps(view, labels == k, pixels).min() <= _MAX_GAP:
+            pixels |= labels == k
+    small = (labels > 0) & ~np.isin(labels, large)
+    pixels[small] = _measure_gaps(view, small, pixels) <= depth_jump_threshold(view.depth[small])
     _refuse_level(view, mask, pixels)
     return CleanMask(pixels, tuple(_describe(view, mask, pixels)))
 
 
-def _find_adjoining(view: TableView, small: Pixels, large: Pixels) -> Pixels:
-    """Those of the pixels of `small` (h, w) that are no jump in depth away from one of `large`, across holes too."""
-    if not (small.any() and large.any()):
-        return np.zeros_like(small)
-    distance, _ = cKDTree(view.points[large]).query(view.points[small])
-    adjoining = small.copy()
-    adjoining[small] = distance <= depth_jump_threshold(view.depth[small])
-    return adjoining
+def _measure_gaps(view: TableView, part: Pixels, object: Pixels) -> Array:
+    """(n,), m: the distance of each of the pixels of `part` (h, w) from the object, at most _MAX_GAP or else inf."""
+    if not (part.any() and object.any()):
+        return np.full(int(part.sum()), np.inf)
+    distance, _ = cKDTree(view.points[object]).query(view.points[part], distance_upper_bound=_MAX_GAP)
+    return np.asarray(distance, dtype=np.float64)
 
 
 def _refuse_level(view: TableView, mask: Pixels, pixels: Pixels) -> None:

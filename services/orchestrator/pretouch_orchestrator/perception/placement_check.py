@@ -177,9 +177,9 @@ def _explain(view: _View, request: SessionRequest, placement: _Placement, scene:
             return [
                 SessionWarning(
                     "depth-scale",
-                    f"The depth looks {1 / factor:g} times too large: with depth_scale {scene.depth.scale:g} the "
-                    f"object is {placement.depth:.3g} m from the camera and {placement.size:.2g} m long, and "
-                    f"{_say(placement, request.table)}.{suggest_scales(scene.depth, placement.depth)}",
+                    f"The depth looks several times too {'large' if factor < 1 else 'small'}: with depth_scale "
+                    f"{scene.depth.scale:g} the object is {placement.depth:.3g} m from the camera, in the median, and "
+                    f"{placement.size:.2g} m long.{suggest_scales(scene.depth, placement.depth)}",
                     "Send camera.depth_scale, the metres of one stored unit. If the camera is so far, this is right.",
                 )
             ]

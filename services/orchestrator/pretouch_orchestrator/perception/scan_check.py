@@ -28,6 +28,7 @@ _NOTICED_TURN = np.radians(3.0)
 _OFF_AXIS = 0.002
 """m of a module from the beam of the tip, from which the tip's turn about it matters."""
 _MAX_TURN_ABOUT = np.radians(45.0)
+"""rad about the beam between the tip and the plan."""
 _MAX_RANGE = 10.0
 """m: no sensor in a fingertip measures farther."""
 _MIN_SAMPLES, _MAX_CODES = 3, 2
@@ -142,8 +143,7 @@ def _check_turns(poses: Array, plan: ScanPlan, sensor: Sensor) -> list[SessionWa
         return [
             SessionWarning(
                 "tip-turned",
-                f"In {plan.scan_id}: The tip is turned by {np.degrees(whole):.0f} degrees about its beam against the "
-                "plan.",
+                f"In {plan.scan_id}: The tip is turned by {np.degrees(whole):.0f} degrees about its beam.",
                 "Check the order of the quaternion, x, y, z, w, and the axes of tip_T_module. If the robot turned the "
                 "finger, this is right.",
             )

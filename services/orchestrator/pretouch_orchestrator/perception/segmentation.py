@@ -26,7 +26,7 @@ _MAX_MASK_SHARE = 0.6
 """Share of the depth above which a mask holds more than an object."""
 _AGREEING, _MIN_AGREEING = 0.05, 0.3
 """m from the given table, and share of what is seen around the object that lies within it: then the image shows it."""
-_MAX_SUNK = 0.01
+_MAX_SUNK = 0.002
 """m below a plane beyond which the middle of a mask shows that the plane is not what the object stands on."""
 
 
@@ -70,7 +70,7 @@ def find_object(
     seen = depth.metres > 0
     area = _roi_to_mask(depth, roi)
     if mask is not None:
-        mask = check_mask(mask, area, seen)
+        mask = check_mask(mask, area, depth)
     points = camera.back_project_image(depth.metres)
     warnings: tuple[SessionWarning, ...] = ()
     try:
