@@ -29,7 +29,7 @@ _PATIENCE = 4.0
 """s for which a transaction is tried again while the database cannot be reached."""
 _START_PATIENCE = 30.0
 """s that a start waits for the database, which may start at the same time."""
-_PAUSE = 0.25
+_PAUSE = 0.5
 """s between two tries."""
 _LISTEN_HEARTBEAT = 3.0
 """s without a notification after which the connection is tried, and, without one, everyone looks for changes."""

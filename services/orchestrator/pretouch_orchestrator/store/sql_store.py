@@ -109,12 +109,13 @@ class SqlStore:
         return await self._encode(lambda: rows.record_from_columns(columns, usable))
 
     async def load_session(self, owner: str, session_id: str) -> Snapshot:
-        def work(tx: Transaction) -> tuple[bytes, int]:
+        def work(tx: Transaction) -> tuple[dict[str, Any], bytes]:
             found = sql.find(tx, owner, session_id)
-            return sql.read_view(tx, found["number"]), found["version"]
+            return found, sql.read_view(tx, found["number"])
 
-        view, version = await self._database.read(work)
-        return Snapshot(await self._encode(lambda: rows.session_from_view(view)), version)
+        row, view = await self._database.read(work)
+        session = await self._encode(lambda: rows.session_from_view(view))
+        return Snapshot(session, row["version"], row["last_event"])
 
     async def is_present(self, record: Record) -> bool:
         values = {"id": record.id, "version": record.version}
