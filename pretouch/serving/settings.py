@@ -25,7 +25,11 @@ class Settings:
     metrics_port: int | None = None
     """Prometheus over HTTP on the same host; None is off, 0 lets the system choose."""
     token: str | None = field(default=None, repr=False)
-    """Bearer token that every call but a health check must carry; None asks for none."""
+    """Bearer token that every call but a health check must carry; None asks for none, but see `tokens_file`."""
+    tokens_file: Path | None = None
+    """More tokens, each with an owner and a role; see `pretouch.serving.tokens`."""
+    open_metrics: bool = False
+    """Whether metrics need no token."""
     tls_cert: Path | None = None
     tls_key: Path | None = None
     tls_client_ca: Path | None = None

@@ -14,6 +14,7 @@ from pretouch.errors import PretouchError, Unavailable
 from pretouch.serving import ServiceContext
 from pretouch.v1.orchestrator_pb2_grpc import add_OrchestratorServiceServicer_to_server
 from pretouch_orchestrator.rest.app import create_rest_app
+from pretouch_orchestrator.rest.hosts import HostCheck
 from pretouch_orchestrator.rest.server import serve_rest
 from pretouch_orchestrator.servicer import SERVICE, OrchestratorServicer
 from pretouch_orchestrator.sessions.loop import Loop
@@ -54,7 +55,8 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
         sessions = SessionManager(store, loop, context)
         stack.push_async_callback(sessions.close)
         add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
-        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams))
+        hosts = HostCheck(settings.rest_host, settings.allowed_hosts)
+        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams), hosts)
         await stack.enter_async_context(serve_rest(app, settings, context))
         ending = asyncio.create_task(_end_streams_when_draining(sessions, context))
         stack.callback(ending.cancel)
