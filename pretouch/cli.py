@@ -156,7 +156,9 @@ def _up(
             is_eager=True,
         ),
     ] = None,
-    host: Annotated[str, typer.Option(help="Where REST and gRPC of the orchestrator are served.")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option(envvar="PRETOUCH_HOST", help="Where REST and gRPC of the orchestrator are served.")
+    ] = "127.0.0.1",
     rest_port: Annotated[int, typer.Option(help="Port of REST; 0 for a free one.")] = 8080,
     grpc_port: Annotated[int, typer.Option(help="Port of gRPC; 0 for a free one.")] = _PORTS["orchestrator"],
     gateway_port: Annotated[

@@ -17,6 +17,7 @@ from pretouch.channel import MESSAGE_LIMITS
 from pretouch.errors import Unavailable
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.context import ServiceContext
+from pretouch.serving.exposure import warn_if_exposed
 from pretouch.serving.interceptor import CallInterceptor
 from pretouch.serving.metrics_server import MetricsServer
 from pretouch.serving.open_files import get_connection_limit
@@ -94,13 +95,7 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
         health_pb2_grpc.add_HealthServicer_to_server(statuses, server)
         port = _bind(server, settings)
         metrics_port = _serve_metrics(stack, context, settings)
-        if not settings.loopback:
-            context.log.warning(
-                "reachable from other machines",
-                host=settings.host,
-                token=context.token_check.required,
-                tls=settings.tls_cert is not None,
-            )
+        warn_if_exposed(context, "gRPC", settings.host)
         stack.push_async_callback(server.stop, None)
         await server.start()
         services = await stack.enter_async_context(running(cast(grpc.aio.Server, registry), context))

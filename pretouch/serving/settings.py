@@ -71,16 +71,16 @@ class Settings:
         if self.log_level not in LOG_LEVELS:
             raise InvalidInput(f"The log level is {self.log_level!r}.", f"Choose one of {', '.join(LOG_LEVELS)}.")
 
-    @property
-    def loopback(self) -> bool:
-        """Whether only this machine can reach the service."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
-
     def address(self, port: int) -> str:
         """`host:port` as gRPC and URLs write it."""
         return f"[{self.host}]:{port}" if ":" in self.host else f"{self.host}:{port}"
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach what listens on `host`."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 from starlette.types import Scope
 
 from pretouch.errors import Forbidden
+from pretouch.serving.settings import is_loopback
 
 _LOOPBACK_NAMES = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback")
 _NETWORK_SUFFIXES = (".local", ".localhost", ".internal", ".home.arpa")
@@ -32,7 +33,7 @@ class HostCheck:
     def __init__(self, host: str = "127.0.0.1", allowed: Collection[str] = ()) -> None:
         self._listed = {name.lower() for name in allowed}
         self._names = {*self._listed, *_LOOPBACK_NAMES, host.lower(), socket.gethostname().lower()}
-        self._on_network = not _is_loopback(host)
+        self._on_network = not is_loopback(host)
 
     def find_refusal(self, scope: Scope) -> Forbidden | None:
         """The error for a request, None if it may pass; one without `Host` or `Origin` comes from no browser."""
@@ -44,7 +45,7 @@ class HostCheck:
             return Forbidden(
                 f"This service is not called {_parse_name(host)!r:.200}.", f"List the name in {_VARIABLE} if it is."
             )
-        if origin is None or is_same_origin(origin, host) or (urlsplit(origin).hostname or "") in self._listed:
+        if origin is None or is_same_origin(origin, host) or _parse_name(origin.partition("://")[2]) in self._listed:
             return None
         return Forbidden(
             f"The request comes from a page of {origin!r:.200}.",
@@ -72,10 +73,3 @@ def _parse_name(host: str) -> str:
         return (urlsplit(f"//{host}").hostname or "").rstrip(".")
     except ValueError:
         return ""
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host in _LOOPBACK_NAMES
