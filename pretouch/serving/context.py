@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import structlog
 
 from pretouch.serving.admission import TokenCheck
+from pretouch.serving.held import HeldBytes
 from pretouch.serving.metrics import Metrics
 from pretouch.serving.settings import Settings
 from pretouch.serving.tokens import Tokens
@@ -33,6 +34,8 @@ class ServiceContext:
         self.log: structlog.typing.FilteringBoundLogger = structlog.get_logger(f"pretouch.{name}")
         self.token_check = TokenCheck(Tokens(settings.token, settings.tokens_file))
         self.metrics = Metrics(name)
+        self.held = HeldBytes()
+        self.metrics.gauge("held_bytes", "Bytes of requests in memory.").set_function(lambda: self.held.held)
         self.draining = asyncio.Event()
         self._workers = Workers(settings.workers, settings.max_queue)
         self.metrics.gauge("queue_jobs", "CPU jobs that wait for a thread.").set_function(lambda: self._workers.waiting)

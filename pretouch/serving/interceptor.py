@@ -16,7 +16,7 @@ import grpc.aio
 import structlog
 
 from pretouch.channel import SCAN_ID_METADATA, SESSION_ID_METADATA
-from pretouch.errors import PROBLEM_METADATA_KEY, Internal, PretouchError, problem, wire_of
+from pretouch.errors import PROBLEM_METADATA_KEY, Internal, Overloaded, PretouchError, problem, wire_of
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.caller import Caller, forbid_change, set_caller
 from pretouch.serving.context import ServiceContext
@@ -58,21 +58,32 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
 
         async def single_answer(request: Any, context: grpc.aio.ServicerContext) -> Any:
             async with self._around(method, caller, context, self._service.settings.deadline):
-                return await behaviour(request, context)
+                return await behaviour(_checked(request), context)
 
         async def many_answers(request: Any, context: grpc.aio.ServicerContext) -> AsyncIterator[Any]:
             async with self._around(method, caller, context, None):
-                answers = behaviour(request, context)
+                answers = behaviour(_checked(request), context)
                 if inspect.isawaitable(answers):  # a handler that calls context.write itself
                     await answers
                     return
                 async for answer in answers:
                     yield answer
 
+        def deserialize(raw: bytes) -> Any:
+            """The request, or the error for one that there is no memory for: one raised here would not be told."""
+            try:
+                taken = self._service.held.take(len(raw))
+            except Overloaded as refusal:
+                return refusal
+            task = cast("asyncio.Task[Any]", asyncio.current_task())
+            task.add_done_callback(lambda _: self._service.held.free(taken))
+            return handler.request_deserializer(raw)
+
+        single = not handler.request_streaming and handler.request_deserializer is not None
         wrap = getattr(grpc, f"{kind}_rpc_method_handler")
         return wrap(
             many_answers if handler.response_streaming else single_answer,
-            request_deserializer=handler.request_deserializer,
+            request_deserializer=deserialize if single else handler.request_deserializer,
             response_serializer=handler.response_serializer,
         )
 
@@ -125,6 +136,12 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
 
 def _texts(metadata: Iterable[tuple[str, Any]] | None) -> dict[str, str]:
     return {key: value for key, value in metadata or () if isinstance(value, str)}
+
+
+def _checked(request: Any) -> Any:
+    if isinstance(request, PretouchError):
+        raise request
+    return request
 
 
 def _only_reads(method: str) -> bool:

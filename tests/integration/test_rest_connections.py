@@ -17,10 +17,12 @@ from fastapi.responses import PlainTextResponse, StreamingResponse
 from helpers.processes import free_port
 from pretouch_orchestrator.rest import connection, server
 from pretouch_orchestrator.rest.body_limit import BodyLimit
+from pretouch_orchestrator.rest.problems import answer_errors_as_problems
 from pretouch_orchestrator.settings import OrchestratorSettings
 from starlette.requests import Request
 
-from pretouch.serving import ServiceContext, Settings
+from pretouch.serving import ServiceContext, Settings, held
+from pretouch.serving.held import HeldBytes
 
 PATIENCE, LEAST_BYTES = 0.4, 100_000
 TIMEOUT = 20
@@ -39,7 +41,7 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 async def served(limit: int = 100) -> AsyncIterator[int]:
     """The port of a small application behind the server of REST."""
     app = FastAPI()
-    app.add_middleware(BodyLimit)
+    app.add_middleware(BodyLimit, held=HeldBytes())
 
     @app.get("/large")
     async def large() -> PlainTextResponse:
@@ -72,6 +74,7 @@ async def served(limit: int = 100) -> AsyncIterator[int]:
         return 0
 
     context = ServiceContext("orchestrator", Settings())
+    answer_errors_as_problems(app, context)
     settings = OrchestratorSettings("a:1", "b:1", "sqlite:/nowhere", rest_port=free_port())
     async with server.serve_rest(app, settings, context, limit):
         yield settings.rest_port
@@ -200,3 +203,21 @@ async def test_connections_that_are_all_busy_are_not_closed_for_another() -> Non
         with pytest.raises(httpx.TransportError):
             await client.get(f"http://127.0.0.1:{port}/large")
         assert (await answer.aread()) == b"beat\n" * 3
+
+
+async def test_bodies_that_are_read_at_once_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(held, "MAX_HELD", 1_000_000)
+    monkeypatch.setattr(connection, "PATIENCE", TIMEOUT)
+    head = b"POST /body HTTP/1.1\r\nHost: a\r\nContent-Length: 600000\r\n\r\n"
+    async with served() as port, httpx.AsyncClient(trust_env=False, timeout=TIMEOUT) as client:
+        url = f"http://127.0.0.1:{port}"
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(head + bytes(1000))
+        status = 0
+        while status != 429:  # the first may not have begun to be read
+            status = (await client.post(f"{url}/body", content=bytes(500_000))).status_code
+        assert (await client.post(f"{url}/body", content=bytes(1000))).text == "1000"
+        writer.write(bytes(599_000))
+        assert b"200 OK" in await reader.readline()
+        writer.close()
+        assert (await client.post(f"{url}/body", content=bytes(900_000))).text == "900000"

@@ -20,7 +20,7 @@ from helpers.serving_probe import SERVICE, Stub, running
 
 from pretouch import errors
 from pretouch.channel import MESSAGE_LIMIT, open_channel, open_sync_channel
-from pretouch.serving import ServiceContext, Settings, Started, started
+from pretouch.serving import ServiceContext, Settings, Started, held, started
 
 SERVING = health_pb2.HealthCheckResponse.SERVING
 NOT_SERVING = health_pb2.HealthCheckResponse.NOT_SERVING
@@ -347,3 +347,17 @@ async def test_metrics_answer_while_silent_connections_are_held() -> None:
         assert "pretouch_probe_calls" in await _metrics(client, service)
         for _, writer in held:
             writer.close()
+
+
+async def test_messages_that_are_held_at_once_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(held, "MAX_HELD", 1_000_000)
+    async with probe(workers=1) as (stub, service):
+        waiting = stub.unary(text("wait:" + "1" * 3 + " " * 600_000), timeout=TIMEOUT)
+        await eventually(lambda: (value(service.context, "held_bytes") or 0) > 500_000)
+        error = await failure(stub.size(BytesValue(value=bytes(500_000)), timeout=TIMEOUT))
+        assert isinstance(error, errors.Overloaded)
+        assert error.retry_after == 1.0
+        assert (await stub.size(BytesValue(value=bytes(1000)), timeout=TIMEOUT)).value == "1000"
+        waiting.cancel()
+        await eventually(lambda: value(service.context, "held_bytes") == 0)
+        assert (await stub.size(BytesValue(value=bytes(900_000)), timeout=TIMEOUT)).value == "900000"

@@ -69,7 +69,7 @@ def create_rest_app(
     )
     app.add_middleware(HeadAsGet)
     app.add_middleware(AdmissionMiddleware, context=context, hosts=hosts or HostCheck())
-    app.add_middleware(BodyLimit)
+    app.add_middleware(BodyLimit, held=context.held)
     answer_errors_as_problems(app, context)
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
