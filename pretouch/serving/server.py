@@ -16,8 +16,9 @@ from pretouch.channel import MESSAGE_LIMITS
 from pretouch.errors import Unavailable
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.context import ServiceContext
+from pretouch.serving.exposure import warn_if_exposed
 from pretouch.serving.interceptor import CallInterceptor
-from pretouch.serving.metrics import MetricsServer
+from pretouch.serving.metrics_server import MetricsServer
 from pretouch.serving.open_files import get_connection_limit
 from pretouch.serving.settings import Settings
 from pretouch.tls import server_credentials
@@ -83,7 +84,7 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
     async with AsyncExitStack() as stack:
         context = ServiceContext(name, settings)
         stack.callback(context.close)
-        admission = AdmissionControl(settings.token)
+        admission = AdmissionControl()
         registry = _Registry()
         interceptors = (CallInterceptor(context, admission),)
         options = (*_OPTIONS, ("grpc.max_allowed_incoming_connections", get_connection_limit()))
@@ -93,13 +94,7 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
         health_pb2_grpc.add_HealthServicer_to_server(statuses, server)
         port = _bind(server, settings)
         metrics_port = _serve_metrics(stack, context, settings)
-        if not settings.loopback:
-            context.log.warning(
-                "reachable from other machines",
-                host=settings.host,
-                token=settings.token is not None,
-                tls=settings.tls_cert is not None,
-            )
+        warn_if_exposed(context, "gRPC", settings.host)
         stack.push_async_callback(server.stop, None)
         await server.start()
         services = await stack.enter_async_context(running(cast(grpc.aio.Server, registry), context))
@@ -137,7 +132,7 @@ def _serve_metrics(stack: AsyncExitStack, context: ServiceContext, settings: Set
     if settings.metrics_port is None:
         return None
     try:
-        server = MetricsServer(context.metrics, settings.host, settings.metrics_port)
+        server = MetricsServer(context.metrics.registry, settings, context.token_check)
     except OSError as error:
         raise _cannot_listen(settings.address(settings.metrics_port)) from error
     stack.push_async_callback(context.run_briefly, server.close)

@@ -17,6 +17,7 @@ from fastapi.responses import PlainTextResponse, StreamingResponse
 from helpers.processes import free_port
 from pretouch_orchestrator.rest import connection, server
 from pretouch_orchestrator.rest.body_limit import BodyLimit
+from pretouch_orchestrator.rest.problems import answer_errors_as_problems
 from pretouch_orchestrator.settings import OrchestratorSettings
 from starlette.requests import Request
 
@@ -72,6 +73,7 @@ async def served(limit: int = 100) -> AsyncIterator[int]:
         return 0
 
     context = ServiceContext("orchestrator", Settings())
+    answer_errors_as_problems(app, context)
     settings = OrchestratorSettings("a:1", "b:1", "sqlite:/nowhere", rest_port=free_port())
     async with server.serve_rest(app, settings, context, limit):
         yield settings.rest_port

@@ -35,8 +35,9 @@ class BodyLimit:
             return
         length = headers.get(b"content-length", b"0")
         too_large = length.isdigit() and int(length) > MAX_BODY
+        chunked = b"transfer-encoding" in headers
         body = _Body(receive, too_large=too_large)
-        if too_large or b"transfer-encoding" in headers:
+        if too_large or chunked:
             # A client that waits for "100 Continue" has sent nothing yet, and reading would request the body.
             send = _Lingering(send, body, read_on=b"expect" not in headers)
         await self._app(scope, body, send)

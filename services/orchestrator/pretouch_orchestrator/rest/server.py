@@ -20,6 +20,7 @@ from fastapi import FastAPI
 
 from pretouch.errors import Unavailable
 from pretouch.serving import ServiceContext
+from pretouch.serving.exposure import warn_if_exposed
 from pretouch.serving.open_files import get_connection_limit
 from pretouch_orchestrator.rest.body_limit import MAX_HEAD
 from pretouch_orchestrator.rest.connection import PATIENCE, BoundedConnection
@@ -156,6 +157,7 @@ async def serve_rest(
         ssl_ca_certs=None if tls.tls_client_ca is None else str(tls.tls_client_ca),
         ssl_cert_reqs=ssl.CERT_NONE if tls.tls_client_ca is None else ssl.CERT_REQUIRED,
     )
+    warn_if_exposed(context, "REST", settings.rest_host)
     with _bind(settings.rest_host, settings.rest_port) as listener:
         server = _Server(config, limit or get_connection_limit(), context)
         serving = asyncio.create_task(server.serve(sockets=[listener]))
