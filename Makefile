@@ -11,7 +11,7 @@ endef
 
 LOCKED := all bench detector fuzz gateway orchestrator registrar test
 
-.PHONY: demo test lint proto docs bench fuzz lock audit wheel clean
+.PHONY: demo test lint proto client docs bench fuzz lock audit wheel clean
 
 demo: $(VENV)/.demo
 	$(BIN)/pretouch demo
@@ -30,6 +30,9 @@ proto: $(VENV)/.test
 	$(BIN)/python -m grpc_tools.protoc -I proto --plugin=protoc-gen-mypy=$(BIN)/protoc-gen-mypy \
 	    --plugin=protoc-gen-mypy_grpc=$(BIN)/protoc-gen-mypy_grpc --python_out=. --grpc_python_out=. --mypy_out=. --mypy_grpc_out=. \
 	    proto/pretouch/v1/*.proto
+
+client: $(VENV)/.test
+	cd tests && ../$(BIN)/python -m helpers.synchronous_client
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

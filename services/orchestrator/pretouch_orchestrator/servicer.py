@@ -47,9 +47,8 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         )
 
     async def ListSessions(self, request: pb.ListSessionsRequest, context: Any) -> pb.ListSessionsResponse:
-        sessions, following = await self._sessions.list_page(
-            current_caller().owner, request.limit or DEFAULT_PAGE, request.cursor
-        )
+        limit = request.limit if request.HasField("limit") else DEFAULT_PAGE
+        sessions, following = await self._sessions.list_page(current_caller().owner, limit, request.cursor)
         return pb.ListSessionsResponse(sessions=map(session_to_proto, sessions), next=following)
 
     async def SubmitScan(self, request: pb.SubmitScanRequest, context: Any) -> pb.SubmitScanResponse:
