@@ -1,9 +1,9 @@
 """A real PostgreSQL server for tests, which needs no root and listens on a socket only.
 
-    with PostgresqlServer() as server:
-        address = server.new_database()        # postgresql://...
-        server.stop()
-        server.start()
+with PostgresqlServer() as server:
+    address = server.new_database()        # postgresql://...
+    server.stop()
+    server.start()
 """
 
 from __future__ import annotations

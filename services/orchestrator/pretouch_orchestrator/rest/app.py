@@ -29,6 +29,7 @@ from pretouch_orchestrator.rest.decoding import hold_creation, read_document
 from pretouch_orchestrator.rest.docs_page import render_docs_page
 from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, Purge, ScanId, SessionId
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
+from pretouch_orchestrator.rest.tracing import TracingMiddleware
 from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
 
 HEARTBEAT = 15.0
@@ -53,6 +54,7 @@ def create_rest_app(sessions: SessionManager, context: ServiceContext, check: Ca
     )
     app.add_middleware(AdmissionMiddleware, context=context)
     app.add_middleware(BodyLimit)
+    app.add_middleware(TracingMiddleware)  # the outermost, so that the log of a request names its trace
     answer_errors_as_problems(app, context)
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
