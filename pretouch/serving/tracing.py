@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -10,8 +11,8 @@ from pretouch.errors import Unavailable
 from pretouch.tracing import record_with
 
 _ENDPOINTS = ("OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT")
-_FLUSH = 2000
-"""ms that the last spans get to be sent."""
+_FLUSH = 2.0
+"""s that the last spans get to be sent."""
 
 
 @contextmanager
@@ -38,12 +39,15 @@ def recording_spans(service: str) -> Iterator[None]:
         ) from error
     resource = Resource.create({"service.name": f"pretouch-{service}"}).merge(OTELResourceDetector().detect())
     provider = TracerProvider(resource=resource, shutdown_on_exit=False)
-    processor = BatchSpanProcessor(OTLPSpanExporter())
-    provider.add_span_processor(processor)
+    exporter = OTLPSpanExporter()
+    provider.add_span_processor(BatchSpanProcessor(exporter))
     record_with(provider.get_tracer("pretouch"))
     try:
         yield
     finally:
         record_with(None)
-        processor.force_flush(_FLUSH)
-        provider.shutdown()
+        closing = threading.Thread(target=provider.shutdown, daemon=True)
+        closing.start()
+        closing.join(_FLUSH)
+        if closing.is_alive():
+            exporter.shutdown()  # ends the repeated tries to reach a collector that is away
