@@ -31,12 +31,14 @@ from pretouch.errors import (
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.caller import Caller, forbid_change, set_caller
 from pretouch.serving.context import ServiceContext
+from pretouch.tracing import server_span
 
 _HEALTH = "/grpc.health.v1.Health/"
 _DETAIL_LENGTH, _MESSAGE_LENGTH = 800, 150  # characters; gRPC refuses metadata beyond 8 KiB, however it is encoded
 _COPIES_READ, _COPIES_HELD = 3, 2
 """How often a message is in memory while it is parsed (gRPC's buffers, bytes, message), and while it is worked on."""
 _PATIENCE, _READ_WITHIN = 5.0, 20.0  # s
+_FAILURES = (grpc.StatusCode.INTERNAL, grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
 _LOGGED_IDS = ((SESSION_ID_METADATA, "session"), (SCAN_ID_METADATA, "scan"))
 
 
@@ -123,6 +125,7 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         began = time.perf_counter()
         code = grpc.StatusCode.OK
         with (
+            server_span(method, metadata, {"rpc.system": "grpc", "rpc.method": method} | ids) as span,
             structlog.contextvars.bound_contextvars(**ids),
             metrics.calls_in_flight.track_inprogress(),
             self._admission.track_call(),
@@ -143,6 +146,7 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
                 await _abort(context, error)
             finally:
                 seconds = time.perf_counter() - began
+                span.end_with({"rpc.grpc.status_code": code.value[0]}, failed=code in _FAILURES)
                 metrics.calls.labels(method, code.name).inc()
                 metrics.call_seconds.labels(method).observe(seconds)
                 self._service.log.info("call", method=method, code=code.name, seconds=round(seconds, 6))

@@ -13,6 +13,7 @@ from pretouch.serving.logs import configure_logs
 from pretouch.serving.open_files import raise_open_file_limit
 from pretouch.serving.server import Running, started
 from pretouch.serving.settings import Settings
+from pretouch.serving.tracing import recording_spans
 
 
 def call_when_stdin_closes(stop: Callable[[], None]) -> None:
@@ -84,13 +85,14 @@ async def serve(name: str, running: Running, settings: Settings, *, until_stdin_
     if until_stdin_closes:
         call_when_stdin_closes(stop)
     try:
-        async with started(name, running, settings) as service:
-            warm = True
-            service.context.log.info(
-                "ready", host=settings.host, port=service.port, metrics_port=service.metrics_port, pid=os.getpid()
-            )
-            await stopping.wait()
-            service.context.log.info("stopping")
+        with recording_spans(name):
+            async with started(name, running, settings) as service:
+                warm = True
+                service.context.log.info(
+                    "ready", host=settings.host, port=service.port, metrics_port=service.metrics_port, pid=os.getpid()
+                )
+                await stopping.wait()
+                service.context.log.info("stopping")
     except asyncio.CancelledError:
         if not stopping.is_set():
             raise

@@ -32,6 +32,7 @@ from pretouch_orchestrator.rest.hosts import HostCheck
 from pretouch_orchestrator.rest.login import add_login_routes
 from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, Purge, ScanId, SessionId
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
+from pretouch_orchestrator.rest.tracing import TracingMiddleware
 from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
 
 HEARTBEAT = 15.0
@@ -67,6 +68,7 @@ def create_rest_app(
     app.add_middleware(HeadAsGet)
     app.add_middleware(AdmissionMiddleware, context=context, hosts=hosts or HostCheck())
     app.add_middleware(BodyLimit)
+    app.add_middleware(TracingMiddleware)  # the outermost, so that the log of a request names its trace
     answer_errors_as_problems(app, context)
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
