@@ -117,9 +117,7 @@ def _serve(
     log_level: LogLevel = "info",
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
-    os.environ.setdefault(
-        "OPENBLAS_NUM_THREADS", "1"
-    )  # numpy reads it: they would be beside our own
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy reads it: they would be beside our own
     from pretouch.serving import Settings, serve
     from pretouch.serving.memory import choose_default_memory, parse_bytes
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 
 from pretouch.serving.logs import configure_logs
+from pretouch.serving.memory import return_freed_memory
 from pretouch.serving.server import Running, started
 from pretouch.serving.settings import Settings
 
@@ -36,6 +37,7 @@ async def serve(name: str, running: Running, settings: Settings, *, until_stdin_
         Unavailable: a port cannot be bound.
     """
     configure_logs(name, settings.log_level)
+    return_freed_memory()
     task = asyncio.current_task()
     assert task is not None
     warm = False

@@ -19,6 +19,7 @@ from pretouch.errors import DeadlineExceeded, InvalidInput
 from pretouch.results import check_folder
 from pretouch.serving.child import Child
 from pretouch.serving.logs import configure_logs
+from pretouch.serving.memory import find_total_memory
 from pretouch.serving.process import call_when_stdin_closes
 from pretouch.serving.settings import Settings
 from pretouch.tls import server_credentials
@@ -124,6 +125,7 @@ async def _start(stack: Stack, children: list[Child]) -> str:
     """Starts the children, each as soon as what it needs is there; the ready line."""
     common = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
     common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core logs every peer that leaves, in its own format
+    common.setdefault("PRETOUCH_MEMORY", str(find_total_memory() // 4))
     common["PRETOUCH_LOG_LEVEL"] = "debug" if stack.settings.log_level == "debug" else "info"
     if stack.settings.token is not None:
         common["PRETOUCH_TOKEN"] = stack.settings.token

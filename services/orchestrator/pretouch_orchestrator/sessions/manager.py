@@ -43,7 +43,7 @@ from pretouch_orchestrator.store.protocol import Event, KeyedRequest, Store
 DEFAULT_PAGE, MAX_PAGE = 50, 200
 MAX_KEY = 255
 _MAX_CACHED = 16
-_BYTES_A_PIXEL = 32
+_BYTES_A_PIXEL = 24
 """Memory for each pixel while a depth image is converted to metres."""
 _DEFECT = Internal(
     "The orchestrator met a defect of its own in this step.",
