@@ -13,9 +13,10 @@ from typing import Any
 import grpc
 import grpc.aio
 import structlog
+from google.protobuf.message import DecodeError
 
 from pretouch.channel import SCAN_ID_METADATA, SESSION_ID_METADATA
-from pretouch.errors import PROBLEM_METADATA_KEY, Internal, PretouchError, problem, wire_of
+from pretouch.errors import PROBLEM_METADATA_KEY, Internal, Malformed, PretouchError, problem, wire_of
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.context import ServiceContext
 
@@ -47,14 +48,15 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         kinds = ("unary_unary", "unary_stream") if not handler.request_streaming else ("stream_unary", "stream_stream")
         kind = kinds[bool(handler.response_streaming)]
         behaviour = getattr(handler, kind)
+        check: Callable[[Any], Any] = _check_each if handler.request_streaming else _check_readable
 
         async def single_answer(request: Any, context: grpc.aio.ServicerContext) -> Any:
             async with self._around(method, context, self._service.settings.deadline):
-                return await behaviour(request, context)
+                return await behaviour(check(request), context)
 
         async def many_answers(request: Any, context: grpc.aio.ServicerContext) -> AsyncIterator[Any]:
             async with self._around(method, context, None):
-                answers = behaviour(request, context)
+                answers = behaviour(check(request), context)
                 if inspect.isawaitable(answers):  # a handler that calls context.write itself
                     await answers
                     return
@@ -64,7 +66,7 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         wrap = getattr(grpc, f"{kind}_rpc_method_handler")
         return wrap(
             many_answers if handler.response_streaming else single_answer,
-            request_deserializer=handler.request_deserializer,
+            request_deserializer=handler.request_deserializer and _keep_unreadable(handler.request_deserializer),
             response_serializer=handler.response_serializer,
         )
 
@@ -116,6 +118,29 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
 
 def _texts(metadata: Iterable[tuple[str, Any]] | None) -> dict[str, str]:
     return {key: value for key, value in metadata or () if isinstance(value, str)}
+
+
+def _keep_unreadable(deserialise: Callable[[bytes], Any]) -> Callable[[bytes], Any]:
+    """Hands on the error of bytes that are no message, instead of raising it where gRPC would answer UNKNOWN."""
+
+    def read(data: bytes) -> Any:
+        try:
+            return deserialise(data)
+        except DecodeError as error:
+            return Malformed(f"The message cannot be read: {error}.", "Send what the service's .proto file describes.")
+
+    return read
+
+
+def _check_readable(request: Any) -> Any:
+    if isinstance(request, Malformed):
+        raise request
+    return request
+
+
+async def _check_each(requests: AsyncIterator[Any]) -> AsyncIterator[Any]:
+    async for request in requests:
+        yield _check_readable(request)
 
 
 def _refuse_unread(refusal: PretouchError) -> Any:
