@@ -27,6 +27,7 @@ MESSAGE_LIMITS = (
 _TOKEN = re.compile(r"[!-~]+")
 _OPTIONS = (
     *MESSAGE_LIMITS,
+    ("grpc.enable_http_proxy", 0),  # the services are on this machine or its network, whatever the environment says
     ("grpc.lb_policy_name", "round_robin"),  # several copies behind one DNS name share the calls
     ("grpc.initial_reconnect_backoff_ms", 200),
     ("grpc.max_reconnect_backoff_ms", 3000),  # gRPC's own two minutes would outlast a restarted service
@@ -39,12 +40,16 @@ def open_channel(
     tls_ca: Path | None = None,
     tls_cert: Path | None = None,
     tls_key: Path | None = None,
+    server_name: str | None = None,
 ) -> grpc.aio.Channel:
     """A channel to `host:port` (or a gRPC target such as `dns:///host:port`) for asyncio.
 
     Open it in the event loop that it is used in; it connects on first use. With `tls_ca` it speaks TLS and trusts that
     authority alone; `tls_cert` and `tls_key` are shown to a server that asks for a client's certificate. The token
     travels with every call, over plain TCP too.
+
+    Args:
+        server_name: what the server's certificate names, if not the host.
 
     Raises:
         InvalidInput: the address is none, the token or a TLS file cannot be used, or no event loop runs.
@@ -55,7 +60,8 @@ def open_channel(
     if tls_ca is None:
         return grpc.aio.insecure_channel(address, _OPTIONS, interceptors=interceptors)
     credentials = channel_credentials(tls_ca, tls_cert, tls_key)
-    return grpc.aio.secure_channel(address, credentials, _OPTIONS, interceptors=interceptors)
+    name = (("grpc.ssl_target_name_override", server_name),) if server_name else ()
+    return grpc.aio.secure_channel(address, credentials, (*_OPTIONS, *name), interceptors=interceptors)
 
 
 def open_sync_channel(

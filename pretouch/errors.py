@@ -8,6 +8,7 @@
     ├── Unauthenticated         401  no token, or a wrong one
     ├── Forbidden               403  the token, or where the request comes from, does not allow this
     ├── NotFound                404  no such session, scan, device or page
+    │   └── UnknownScene        404  the registrar keeps no scene of this content hash: send the scene
     ├── MethodNotAllowed        405  the resource exists, the method does not
     ├── Conflict                409  the request does not fit the present state
     ├── Overloaded              429  every worker is busy: try again shortly
@@ -67,6 +68,10 @@ class TooLarge(InvalidInput):
     """Input is beyond a stated limit."""
 
 
+class RefusedForSize(TooLarge):
+    """A service is sent a larger message than gRPC lets through; repeating it will not help."""
+
+
 class Unauthenticated(PretouchError):
     """The call carries no token, or a wrong one."""
 
@@ -77,6 +82,10 @@ class Forbidden(PretouchError):
 
 class NotFound(PretouchError):
     """There is no such session, scan, device or page."""
+
+
+class UnknownScene(NotFound):
+    """The registrar keeps no scene of the content hash that it was sent."""
 
 
 class MethodNotAllowed(PretouchError):
@@ -126,6 +135,7 @@ WIRE: dict[type[PretouchError], Wire] = {
     Unauthenticated: Wire("unauthenticated", "The call is not authenticated", 401, _C.UNAUTHENTICATED),
     Forbidden: Wire("forbidden", "The call is not allowed", 403, _C.PERMISSION_DENIED),
     NotFound: Wire("not-found", "Not found", 404, _C.NOT_FOUND),
+    UnknownScene: Wire("unknown-scene", "The scene is not known", 404, _C.NOT_FOUND),
     MethodNotAllowed: Wire("method-not-allowed", "Method not allowed", 405, _C.UNIMPLEMENTED),
     Conflict: Wire("conflict", "The request conflicts with the present state", 409, _C.FAILED_PRECONDITION),
     Overloaded: Wire("overloaded", "The service is busy", 429, _C.RESOURCE_EXHAUSTED),

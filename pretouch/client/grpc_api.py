@@ -78,11 +78,9 @@ class GrpcSessionApi(SessionApi[RpcMessage, Any]):
         message = telling_to_proto(check_id("session", session_id), check_id("scan", scan_id), telling)
         return Call(RpcMessage("TellSamples", message), _decode_progress)
 
-    def cancel(self, session_id: str) -> Call[RpcMessage, Any, None]:
-        return Call(
-            RpcMessage("CancelSession", pb.CancelSessionRequest(session_id=check_id("session", session_id))),
-            lambda _: None,
-        )
+    def cancel(self, session_id: str, purge: bool) -> Call[RpcMessage, Any, None]:
+        request = pb.CancelSessionRequest(session_id=check_id("session", session_id), purge=purge)
+        return Call(RpcMessage("CancelSession", request), lambda _: None)
 
 
 def _decode_session(answer: Any) -> Session:

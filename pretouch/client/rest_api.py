@@ -15,6 +15,7 @@ from pretouch.client.arguments import check_id, check_key
 from pretouch.client.images import ImageLike, encode_depth, encode_mask
 from pretouch.errors import WIRE, Internal, InvalidInput, Unavailable, from_problem
 from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
+from pretouch.tracing import propagated
 from pretouch.wire.json import (
     progress_from_json,
     request_to_json,
@@ -82,8 +83,14 @@ class RestSessionApi(SessionApi[HttpMessage, HttpAnswer]):
         path = f"{_scan_path(session_id, scan_id)}/samples"
         return Call(HttpMessage("POST", path, {"json": telling_to_json(telling)}), _decode_with(progress_from_json))
 
-    def cancel(self, session_id: str) -> Call[HttpMessage, HttpAnswer, None]:
-        return Call(HttpMessage("DELETE", session_path(session_id)), raise_for_problem)
+    def cancel(self, session_id: str, purge: bool) -> Call[HttpMessage, HttpAnswer, None]:
+        options = {"params": {"purge": "true"}} if purge else {}
+        return Call(HttpMessage("DELETE", session_path(session_id), options), raise_for_problem)
+
+
+def with_trace(message: HttpMessage) -> dict[str, Any]:
+    """The message's options, with the headers of the current span."""
+    return message.options | {"headers": propagated() | message.options.get("headers", {})}
 
 
 def session_path(session_id: str) -> str:

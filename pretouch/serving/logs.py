@@ -7,6 +7,8 @@ import sys
 
 import structlog
 
+from pretouch.tracing import current_ids
+
 
 def configure_logs(service: str, level: str) -> None:
     """Sends every log line of this process to standard error as JSON with time, level, logger and context variables."""
@@ -15,9 +17,14 @@ def configure_logs(service: str, level: str) -> None:
         event["service"] = service
         return event
 
+    def add_trace(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+        event.update(current_ids())
+        return event
+
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         name_service,
+        add_trace,
         structlog.stdlib.add_log_level,
         structlog.stdlib.add_logger_name,
         structlog.processors.TimeStamper(fmt="iso", utc=True),

@@ -6,9 +6,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -110,11 +111,23 @@ class Deployment:
         """The engine asks at intervals, so it may say so later than the services themselves."""
         return all(self.inspected(service)["State"]["Health"]["Status"] == "healthy" for service in SERVICES)
 
+    def service_pid(self, service: str) -> int:
+        """The process that serves, as the machine numbers it; 0 while there is none."""
+        lines = run("docker", "top", self.container(service), "-eo", "pid,args").splitlines()
+        return next((int(line.split()[0]) for line in lines if "--until-stdin-closes" in line), 0)
+
     def wait_until_ready(self) -> None:
-        for _ in range(10 * SECONDS):
+        def ready() -> bool:
             with suppress(httpx.HTTPError):
-                if httpx.get(f"{self.rest}/readyz", timeout=SECONDS).status_code == 200 and self.healthy():
-                    return
+                return httpx.get(f"{self.rest}/readyz", timeout=SECONDS).status_code == 200 and self.healthy()
+            return False
+
+        self.wait_until(ready)
+
+    def wait_until(self, holds: Callable[[], bool]) -> None:
+        for _ in range(10 * SECONDS):
+            if holds():
+                return
             time.sleep(0.1)
         raise AssertionError(self.do("logs", "--tail", "20"))
 
@@ -204,6 +217,24 @@ def test_a_container_runs_without_privileges_on_a_read_only_root(stack: Deployme
         "refused",
         "kept",
     ]
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_a_container_is_bounded_in_memory_processes_cpu_and_logs(stack: Deployment, service: str) -> None:
+    host = stack.inspected(service)["HostConfig"]
+    assert 0 < host["Memory"] <= 4 * 2**30
+    assert 0 < host["PidsLimit"] <= 512
+    assert host["NanoCpus"] > 0
+    assert host["LogConfig"]["Config"].keys() == {"max-size", "max-file"}
+    assert host["Init"] is True
+
+
+def test_a_service_that_hangs_in_its_container_is_started_again(stack: Deployment) -> None:
+    stopped = stack.service_pid("registrar")
+    os.kill(stopped, signal.SIGSTOP)
+    stack.wait_until(lambda: stack.service_pid("registrar") not in (stopped, 0))
+    stack.wait_until_ready()
+    assert stack.inspected("registrar")["RestartCount"] == 0, "its supervisor did it, not the engine"
 
 
 @pytest.mark.parametrize("service", ["detector", "registrar"])

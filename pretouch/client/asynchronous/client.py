@@ -102,9 +102,12 @@ class AsyncClient(ABC, Generic[MessageT, AnswerT]):
         """
         return await self._run(lambda: self._api.tell(session_id, scan_id, telling), timeout)
 
-    async def cancel(self, session_id: str, *, timeout: float | None = None) -> None:
-        """Cancels a session; one that has ended keeps its state."""
-        await self._run(lambda: self._api.cancel(session_id), timeout)
+    async def cancel(self, session_id: str, *, purge: bool = False, timeout: float | None = None) -> None:
+        """Cancels a session at once, whatever step is under way; one that has ended keeps its state.
+
+        With `purge` it is also removed, with all that is stored of it.
+        """
+        await self._run(lambda: self._api.cancel(session_id, purge), timeout)
 
     async def events(self, session_id: str, after: int = 0) -> AsyncIterator[Event]:
         """Yields the session's events after the id `after`, each once, until its end; broken streams are resumed.

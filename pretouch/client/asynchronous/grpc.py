@@ -14,6 +14,7 @@ from pretouch.client.events import QUIET, Event
 from pretouch.client.grpc_api import GRPC_ADDRESS, GrpcSessionApi, RpcMessage
 from pretouch.client.retries import TIMEOUT
 from pretouch.client.rpc_errors import raising_rpc_errors
+from pretouch.tracing import propagated
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1.orchestrator_pb2_grpc import OrchestratorServiceStub
 
@@ -50,11 +51,13 @@ class AsyncGrpcClient(AsyncClient[RpcMessage, Any]):
 
     async def _send(self, message: RpcMessage, seconds: float) -> Any:
         with raising_rpc_errors():
-            return await getattr(self._stub, message.method)(message.request, timeout=seconds)
+            return await getattr(self._stub, message.method)(
+                message.request, timeout=seconds, metadata=tuple(propagated().items())
+            )
 
     async def _listen(self, session_id: str, after: int) -> AsyncGenerator[Event]:
         request = pb.StreamEventsRequest(session_id=check_id("session", session_id), after=after)
-        call = self._stub.StreamEvents(request, timeout=QUIET)
+        call = self._stub.StreamEvents(request, timeout=QUIET, metadata=tuple(propagated().items()))
         try:
             with raising_rpc_errors():
                 async for message in call:

@@ -15,6 +15,7 @@ from pretouch.client.grpc_api import GRPC_ADDRESS, GrpcSessionApi, RpcMessage
 from pretouch.client.retries import TIMEOUT
 from pretouch.client.rpc_errors import raising_rpc_errors
 from pretouch.client.synchronous.client import SyncClient
+from pretouch.tracing import propagated
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1.orchestrator_pb2_grpc import OrchestratorServiceStub
 
@@ -51,11 +52,13 @@ class GrpcClient(SyncClient[RpcMessage, Any]):
 
     def _send(self, message: RpcMessage, seconds: float) -> Any:
         with raising_rpc_errors():
-            return getattr(self._stub, message.method)(message.request, timeout=seconds)
+            return getattr(self._stub, message.method)(
+                message.request, timeout=seconds, metadata=tuple(propagated().items())
+            )
 
     def _listen(self, session_id: str, after: int) -> Generator[Event]:
         request = pb.StreamEventsRequest(session_id=check_id("session", session_id), after=after)
-        call = self._stub.StreamEvents(request, timeout=QUIET)
+        call = self._stub.StreamEvents(request, timeout=QUIET, metadata=tuple(propagated().items()))
         try:
             with raising_rpc_errors():
                 for message in call:

@@ -10,11 +10,19 @@ import httpx
 from pretouch.channel import MESSAGE_LIMIT
 from pretouch.client.events import QUIET, Event, ServerSentEvents
 from pretouch.client.http import REST_ADDRESS, FilePath, open_http, raising_transport_errors
-from pretouch.client.rest_api import HttpAnswer, HttpMessage, RestSessionApi, raise_for_problem, session_path
+from pretouch.client.rest_api import (
+    HttpAnswer,
+    HttpMessage,
+    RestSessionApi,
+    raise_for_problem,
+    session_path,
+    with_trace,
+)
 from pretouch.client.retries import TIMEOUT
 from pretouch.client.synchronous.client import SyncClient
 from pretouch.client.time_limit import within
 from pretouch.errors import TooLarge
+from pretouch.tracing import propagated
 
 
 class RestClient(SyncClient[HttpMessage, HttpAnswer]):
@@ -50,12 +58,12 @@ class RestClient(SyncClient[HttpMessage, HttpAnswer]):
         with raising_transport_errors(self._base_url):
             with (
                 within(seconds),
-                self._http.stream(message.method, message.path, timeout=seconds, **message.options) as response,
+                self._http.stream(message.method, message.path, timeout=seconds, **with_trace(message)) as response,
             ):
                 return _read(response)
 
     def _listen(self, session_id: str, after: int) -> Generator[Event]:
-        headers = {"Accept": "text/event-stream"} | ({"Last-Event-ID": str(after)} if after else {})
+        headers = propagated() | {"Accept": "text/event-stream"} | ({"Last-Event-ID": str(after)} if after else {})
         timeout = httpx.Timeout(self._timeout, read=QUIET)
         parser = ServerSentEvents()
         with raising_transport_errors(self._base_url):
