@@ -103,8 +103,6 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
             try:
                 async with asyncio.timeout(_READ_WITHIN):
                     request = await anext(requests, None)
-            except DecodeError as error:
-                raise Malformed("The request's bytes are no message of its type.", "Send it as .proto says.") from error
             except TimeoutError as error:
                 raise DeadlineExceeded(
                     f"The request did not arrive within {_READ_WITHIN:g} s.", "Send it without pausing."
@@ -155,6 +153,8 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         """`caught` itself if it may cross the wire; any other goes to the log with its trace."""
         if isinstance(caught, MemoryError):
             return Overloaded("The service has run out of memory.", "Try again shortly, or ask for less.")
+        if isinstance(caught, DecodeError):
+            return Malformed("The request's bytes are no message of its type.", "Send it as .proto says.")
         if isinstance(caught, PretouchError) and not isinstance(caught, Internal):
             return caught
         self._service.log.error("a call met a defect", method=method, exc_info=caught)

@@ -61,6 +61,23 @@ async def failure(call: Any) -> errors.PretouchError:
     return errors.from_rpc_error(caught.value)
 
 
+async def test_bytes_that_are_no_message_are_malformed(caplog: pytest.LogCaptureFixture) -> None:
+    async with probe() as (_, service), open_channel(f"127.0.0.1:{service.port}") as channel:
+        for name, kind in (
+            ("unary", "unary_unary"),
+            ("gathered", "stream_unary"),
+            ("counted", "unary_stream"),
+            ("echoed", "stream_stream"),
+        ):
+            for data in (b"\xff", b"\x0a\x02\xff\xff"):  # not the wire format; a string that is not UTF-8
+                method = getattr(channel, kind)(f"/{SERVICE}/{name.capitalize()}")
+                call = method(iter([data]) if kind.startswith("stream") else data, timeout=TIMEOUT)
+                error = await failure(call if kind.endswith("unary") else call.read())
+                assert isinstance(error, errors.Malformed), name
+                assert error.remedy
+    assert "Traceback" not in caplog.text
+
+
 async def test_all_kinds_of_call_carry_the_token() -> None:
     async with probe("s3cret") as (stub, _):
         assert (await stub.unary(text("hello"), timeout=TIMEOUT)).value == "hello"
