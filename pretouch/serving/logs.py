@@ -7,6 +7,8 @@ import sys
 
 import structlog
 
+from pretouch.serving.log_limits import RepeatFilter, shorten_values
+
 
 def configure_logs(service: str, level: str) -> None:
     """Sends every log line of this process to standard error as JSON with time, level, logger and context variables."""
@@ -22,6 +24,7 @@ def configure_logs(service: str, level: str) -> None:
         structlog.stdlib.add_logger_name,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
         structlog.processors.format_exc_info,
+        shorten_values,
     ]
     structlog.configure(
         processors=[*shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
@@ -38,4 +41,5 @@ def configure_logs(service: str, level: str) -> None:
             ],
         )
     )
+    handler.addFilter(RepeatFilter())
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
