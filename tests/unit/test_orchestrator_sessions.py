@@ -14,6 +14,7 @@ from helpers.records import a_record
 from pretouch_orchestrator.sessions import leases
 from pretouch_orchestrator.sessions.manager import SessionManager
 from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.sessions.upkeep import Limits, Upkeep
 from pretouch_orchestrator.store import open_store
 from pretouch_orchestrator.store.protocol import NewEvent, Store
 
@@ -79,7 +80,8 @@ class Orchestrator:
         self.store = store
         self.loop = HeldLoop()
         self.context = ServiceContext("orchestrator", Settings())
-        self.sessions = SessionManager(store, self.loop, self.context)  # type: ignore[arg-type]
+        upkeep = Upkeep(store, Limits(), self.context.log)
+        self.sessions = SessionManager(store, self.loop, self.context, upkeep)  # type: ignore[arg-type]
 
     async def submit(self, scan_id: str, owner: str = "") -> list[str]:
         """The scans of the session "one" after this one."""

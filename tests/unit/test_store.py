@@ -79,7 +79,7 @@ async def test_an_update_of_an_outdated_record_is_refused_and_leaves_nothing(sto
     for update in (
         stepped(store, record, after_a_scan(record)),
         store.update(record, after_telling(record, 1), [], None),
-        store.end(Snapshot(record.to_session(), record.version), cancel(record.to_session()), [NewEvent("end", {})]),
+        store.end(Snapshot(record.to_session(), record.version, 1), cancel(record.to_session()), [NewEvent("end", {})]),
     ):
         with pytest.raises(Stale):
             await update
@@ -238,5 +238,5 @@ async def test_changes_are_announced_to_every_process(store_address: str, store:
         record = await heard(store.update(record, after_telling(record), [], None))
         assert await store.acquire_lease("one", "me", 60)
         await heard(store.release_lease("one", "me"))
-        await heard(store.end(Snapshot(record.to_session(), record.version), cancel(record.to_session()), []))
+        await heard(store.end(Snapshot(record.to_session(), record.version, 1), cancel(record.to_session()), []))
         await heard(store.remove("", "one"))

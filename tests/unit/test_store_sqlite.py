@@ -5,15 +5,19 @@ from __future__ import annotations
 import sqlite3
 import stat
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.records import a_record
 from helpers.stores import same
 from pretouch_orchestrator.store.migrations import load_migrations
 from pretouch_orchestrator.store.sqlite import FILE_NAME, open_store
 
+from pretouch.camera import DepthImage
 from pretouch.errors import Unavailable
+from pretouch.scene import Scene
 
 
 async def test_a_second_orchestrator_is_kept_out(tmp_path: Path) -> None:
@@ -51,6 +55,19 @@ def modes(folder: Path) -> dict[str, int]:
     return {str(file.relative_to(folder)): stat.S_IMODE(file.stat().st_mode) for file in (folder, *folder.iterdir())}
 
 
+async def test_the_file_shrinks_when_sessions_go(tmp_path: Path) -> None:
+    record = a_record()
+    depth = np.random.default_rng(0).uniform(0.5, 1.0, (500, 500)).astype(np.float32)
+    scene = Scene(DepthImage(depth), record.scene.camera, record.scene.base_T_camera, depth > 0, record.scene.table)
+    async with open_store(tmp_path) as store:
+        await store.create("", replace(record, scene=scene), [], None)
+    full = (tmp_path / FILE_NAME).stat().st_size
+    async with open_store(tmp_path) as store:
+        await store.remove("", "one")
+        await store.tidy()
+    assert full > depth.nbytes > 2 * (tmp_path / FILE_NAME).stat().st_size
+
+
 async def test_a_store_of_a_newer_version_is_refused_untouched(tmp_path: Path) -> None:
     async with open_store(tmp_path):
         pass
@@ -77,11 +94,11 @@ async def test_a_full_disk_is_unavailable_and_passes(tmp_path: Path) -> None:
         database = store._database
         pages = await database.write(lambda tx: tx.execute("PRAGMA page_count"))
         await database.write(lambda tx: tx.execute(f"PRAGMA max_page_count = {pages[0]['page_count']}"))
-        with pytest.raises(Unavailable, match="cannot be written"):
-            await store.check()
-        with pytest.raises(Unavailable, match="cannot be written"):
+        with pytest.raises(Unavailable, match="cannot be written"):  # noqa: PT012
             for count in range(100):
                 await store.create("", a_record(f"more {count}"), [], None)
+        with pytest.raises(Unavailable, match="cannot be written"):
+            await store.check()
         await database.write(lambda tx: tx.execute("PRAGMA max_page_count = 1073741823"))
         await store.check()
         await store.create("", a_record("two"), [], None)

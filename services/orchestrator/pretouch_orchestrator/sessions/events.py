@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import AsyncGenerator
 from dataclasses import asdict
 
-from pretouch.errors import NotFound
+from pretouch.errors import NotFound, Unavailable
 from pretouch.session import Session
 from pretouch.wire.json import estimate_to_json, session_to_json
 from pretouch_orchestrator.store.changes import wait_for_change
 from pretouch_orchestrator.store.protocol import Event, NewEvent, Store
+
+_PAUSE = 2.0
+"""s after which a stream tries again to read from a store that could not be used."""
 
 
 def derive_events(before: Session | None, after: Session) -> list[NewEvent]:
@@ -46,26 +49,30 @@ class Broker:
         self, owner: str, session_id: str, after: int, heartbeat: float | None
     ) -> AsyncGenerator[Event | None]:
         """The session's events after the id `after`, past ones first, until its `end`; None after each `heartbeat`
-        seconds of silence. They also end where the session is removed.
+        seconds of silence. They also end where the session is removed, and wait where the store cannot be used.
 
         Raises:
             NotFound: no such session.
         """
-        ended = (await self._store.load_session(owner, session_id)).session.state.ended
-        replayed = await self._store.load_events(session_id, 0)
-        # A client's id beyond the last event would wait for events that never come.
-        last = min(after, replayed[-1].id if replayed else 0)
-        while True:
+        session, _, newest = await self._store.load_session(owner, session_id)
+        ended = session.state.ended
+        last = min(after, newest)  # an id beyond it would wait for events that never come
+        while not self._closed:
             change = self._store.changes.expect(session_id)
             try:
                 events = await self._store.load_events(session_id, last)
             except NotFound:
                 return
+            except Unavailable:  # the stream outlives an outage of the store
+                await wait_for_change(change, _PAUSE)
+                if heartbeat is not None:
+                    yield None
+                continue
             for event in events:
                 yield event
                 last = event.id
                 ended = ended or event.type == "end"
-            if ended or self._closed:
+            if ended:
                 return
             while not await wait_for_change(change, heartbeat):
                 yield None

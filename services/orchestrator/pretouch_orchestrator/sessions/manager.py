@@ -38,6 +38,7 @@ from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.sessions.record_cache import RecordCache
 from pretouch_orchestrator.sessions.told import add_told, check_open
 from pretouch_orchestrator.sessions.transitions import get_pending_plan
+from pretouch_orchestrator.sessions.upkeep import Upkeep, cancel_session
 from pretouch_orchestrator.store.changes import wait_for_change
 from pretouch_orchestrator.store.protocol import Busy, Event, KeyedRequest, Stale, Store
 
@@ -61,8 +62,9 @@ class SessionManager:
     exist.
     """
 
-    def __init__(self, store: Store, loop: Loop, context: ServiceContext) -> None:
+    def __init__(self, store: Store, loop: Loop, context: ServiceContext, upkeep: Upkeep) -> None:
         self._store = store
+        self._upkeep = upkeep
         self._loop = loop
         self._context = context
         self._broker = Broker(store)
@@ -96,7 +98,8 @@ class SessionManager:
         Raises:
             Conflict: the key came with another request before.
             InvalidInput: no object, no depth, a request that does not fit the image.
-            Unavailable: an upstream service or the proposer is not available; nothing was created.
+            Unavailable: an upstream service or the proposer is not available, or the store is full; nothing was
+                created.
         """
         if key is not None and not (0 < len(key) <= MAX_KEY and key.isprintable()):
             raise InvalidInput(
@@ -214,6 +217,7 @@ class SessionManager:
                 keyed = KeyedRequest(key, await self._context.run_in_thread(_fingerprint, request, values, mask))
                 if (existing := await self._find_created(owner, keyed)) is not None:
                     return existing
+            await self._upkeep.make_room()
             depth = await self._context.run_in_thread(
                 DepthImage.from_values, values, request.depth_scale, memory=_BYTES_A_PIXEL * values.size
             )
@@ -313,18 +317,13 @@ class SessionManager:
             return after
 
     async def _cancel(self, owner: str, session_id: str, purge: bool) -> Session:
-        while True:
-            before = await self._store.load_session(owner, session_id)
-            session = cancel(before.session)
-            if session is before.session:
-                break
-            with suppress(Stale):
-                await self._store.end(before, session, derive_events(before.session, session))
-                self._count_end(session)
-                self._context.log.info("session cancelled", scans=session.budget_used.scans)
-                break
+        before = (await cancel_session(self._store, owner, session_id)).session
+        session = cancel(before)
         self._assessments.drop(session_id)
         self._cache.drop(session_id)
+        if session is not before:
+            self._count_end(session)
+            self._context.log.info("session cancelled", scans=session.budget_used.scans)
         if purge:
             await self._store.remove(owner, session_id)
         return session

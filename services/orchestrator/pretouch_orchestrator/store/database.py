@@ -30,11 +30,16 @@ class Database(Protocol):
         """What `work` returns; it sees one state of the database. Raises `Unavailable`."""
         ...
 
-    async def write(self, work: Callable[[Transaction], T]) -> T:
+    async def write(self, work: Callable[[Transaction], T], *, patient: bool = True) -> T:
         """What `work` returns, after its transaction was committed. Raises `Unavailable`.
 
-        Where a connection is lost `work` runs again, even if the lost transaction may have been committed.
+        Where a connection is lost `work` runs again, even if the lost transaction may have been committed; it is not
+        repeated for long without `patient`.
         """
+        ...
+
+    def check_disk(self) -> None:
+        """Raises `Unavailable` if the disk is almost full, where that can be seen from here."""
         ...
 
     async def shrink(self) -> None:

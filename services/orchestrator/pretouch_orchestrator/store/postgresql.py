@@ -30,7 +30,7 @@ _PATIENCE = 4.0
 """s for which a transaction is tried again while the database cannot be reached."""
 _START_PATIENCE = 30.0
 """s that a start waits for the database, which may start at the same time."""
-_PAUSE = 0.25
+_PAUSE = 0.5
 """s between two tries."""
 _LISTEN_HEARTBEAT = 3.0
 """s without a notification after which the connection is tried, and, without one, everyone looks for changes."""
@@ -97,15 +97,19 @@ class PostgresqlDatabase:
 
     async def read(self, work: Callable[[Transaction], T]) -> T:
         with span("store read", _SYSTEM):
-            result, _ = await self._retry("read", work, "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY")
+            result, _ = await self._retry("read", work, "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY", _PATIENCE)
         return result
 
-    async def write(self, work: Callable[[Transaction], T]) -> T:
+    async def write(self, work: Callable[[Transaction], T], *, patient: bool = True) -> T:
+        begin = "BEGIN ISOLATION LEVEL READ COMMITTED READ WRITE"
         with span("store write", _SYSTEM):
-            result, topics = await self._retry("written", work, "BEGIN ISOLATION LEVEL READ COMMITTED READ WRITE")
+            result, topics = await self._retry("written", work, begin, _PATIENCE if patient else _PAUSE)
         for topic in topics:
             self._changes.announce(topic)
         return result
+
+    def check_disk(self) -> None:
+        """Nothing to see: the disk is the server's, which refuses to write to a full one."""
 
     async def shrink(self) -> None:
         """Nothing to do: autovacuum makes free space usable again."""
@@ -115,8 +119,10 @@ class PostgresqlDatabase:
         for connection in self._connections:
             connection.close()
 
-    async def _retry(self, done: str, work: Callable[[Transaction], T], begin: str) -> tuple[T, list[str]]:
-        loop, until = asyncio.get_running_loop(), time.monotonic() + _PATIENCE
+    async def _retry(
+        self, done: str, work: Callable[[Transaction], T], begin: str, patience: float
+    ) -> tuple[T, list[str]]:
+        loop, until = asyncio.get_running_loop(), time.monotonic() + patience
         while True:
             try:
                 return await loop.run_in_executor(self._threads, lambda: self._run(work, begin))

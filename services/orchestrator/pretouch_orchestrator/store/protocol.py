@@ -36,10 +36,11 @@ class KeyedRequest:
 
 
 class Snapshot(NamedTuple):
-    """A session as its client sees it, and the version of its state."""
+    """A session as its client sees it, the version of its state, and the id of its newest event."""
 
     session: Session
     version: int
+    last_event: int
 
 
 class Owned(NamedTuple):

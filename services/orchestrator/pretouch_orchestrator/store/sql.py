@@ -16,7 +16,7 @@ KEY_LIFETIME = 24 * 3600.0
 """s for which an idempotency key is remembered."""
 
 
-def find(tx: Transaction, owner: str, session_id: str) -> Any:
+def find(tx: Transaction, owner: str, session_id: str) -> dict[str, Any]:
     """The session's row."""
     if session_id.isascii() and session_id.isprintable():
         values = {"id": session_id, "owner": owner}

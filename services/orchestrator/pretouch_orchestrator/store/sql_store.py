@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import os
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, TypeVar
 
+from pretouch.errors import Unavailable
 from pretouch.session import Session
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store import rows, sql
@@ -18,7 +21,9 @@ from pretouch_orchestrator.store.database import Database, Transaction
 from pretouch_orchestrator.store.protocol import Busy, Event, KeyedRequest, NewEvent, Owned, Snapshot, Stale
 
 _BALLAST = 64 * 1024
-"""Bytes that a check writes: about a step's."""
+"""Bytes that a check writes after a failure: about a step's. Else it writes a single one, to spare the disk."""
+_FRESH = 1.0
+"""s for which a check that succeeded is not made again, however many ask."""
 
 T = TypeVar("T")
 
@@ -30,6 +35,7 @@ class SqlStore:
         self.changes = changes
         self._database = database
         self._codec = ThreadPoolExecutor(2, "pretouch-store-codec")
+        self._in_doubt, self._checked = False, -math.inf
 
     async def create(self, owner: str, record: Record, events: Sequence[NewEvent], key: KeyedRequest | None) -> Record:
         request, scene, step = await self._encode(
@@ -64,7 +70,7 @@ class SqlStore:
             if key is not None and not sql.store_key(tx, owner, key, number):
                 raise Stale
 
-        await self._database.write(work)
+        await self._write(work)
         return replace(record, version=1)
 
     async def update(self, before: Record, after: Record, events: Sequence[NewEvent], lease: str | None) -> Record:
@@ -78,7 +84,7 @@ class SqlStore:
                 sql.release_lease(tx, before.id, lease)
             tx.announce(before.id)
 
-        await self._database.write(work)
+        await self._write(work)
         return replace(after, version=before.version + 1)
 
     async def end(self, before: Snapshot, after: Session, events: Sequence[NewEvent]) -> None:
@@ -92,7 +98,7 @@ class SqlStore:
             sql.store_events(tx, number, data)
             tx.announce(after.id)
 
-        await self._database.write(work)
+        await self._write(work)
 
     async def load_record(self, owner: str, session_id: str, known: Record | None) -> Record:
         columns = await self._database.read(lambda tx: sql.read_record(tx, owner, session_id, known))
@@ -103,12 +109,13 @@ class SqlStore:
         return await self._encode(lambda: rows.record_from_columns(columns, usable))
 
     async def load_session(self, owner: str, session_id: str) -> Snapshot:
-        def work(tx: Transaction) -> tuple[bytes, int]:
+        def work(tx: Transaction) -> tuple[dict[str, Any], bytes]:
             found = sql.find(tx, owner, session_id)
-            return sql.read_view(tx, found["number"]), found["version"]
+            return found, sql.read_view(tx, found["number"])
 
-        view, version = await self._database.read(work)
-        return Snapshot(await self._encode(lambda: rows.session_from_view(view)), version)
+        row, view = await self._database.read(work)
+        session = await self._encode(lambda: rows.session_from_view(view))
+        return Snapshot(session, row["version"], row["last_event"])
 
     async def is_present(self, record: Record) -> bool:
         values = {"id": record.id, "version": record.version}
@@ -158,7 +165,7 @@ class SqlStore:
             "ON CONFLICT (name) DO UPDATE SET holder = excluded.holder, until = excluded.until "
             "WHERE lease.until <= epoch() OR lease.holder = excluded.holder RETURNING name"
         )
-        return bool(await self._database.write(lambda tx: tx.execute(statement, values)))
+        return bool(await self._write(lambda tx: tx.execute(statement, values)))
 
     async def renew_leases(self, holders: Sequence[str], seconds: float) -> None:
         def work(tx: Transaction) -> None:
@@ -168,10 +175,10 @@ class SqlStore:
                     {"holder": holder, "seconds": seconds},
                 )
 
-        await self._database.write(work)
+        await self._write(work)
 
     async def release_lease(self, name: str, holder: str) -> None:
-        await self._database.write(lambda tx: sql.release_lease(tx, name, holder))
+        await self._write(lambda tx: sql.release_lease(tx, name, holder))
 
     async def find_ended(self, limit: int, untouched: float | None) -> list[Owned]:
         return await self._find_oldest(1, limit, untouched or 0.0)
@@ -191,7 +198,7 @@ class SqlStore:
                 )
                 tx.announce(session_id)
 
-        await self._database.write(work)
+        await self._write(work)
 
     async def tidy(self) -> None:
         def work(tx: Transaction) -> None:
@@ -200,7 +207,7 @@ class SqlStore:
             )
             tx.execute("DELETE FROM lease WHERE until < epoch() - 60")
 
-        await self._database.write(work)
+        await self._write(work)
         await self._database.shrink()
 
     async def used_bytes(self) -> int:
@@ -213,13 +220,27 @@ class SqlStore:
         return int(found[0]["used"])
 
     async def check(self) -> None:
-        values = {"id": int.from_bytes(os.urandom(7), "big"), "ballast": os.urandom(_BALLAST)}
-        insert = "INSERT INTO heartbeat (id, at, ballast) VALUES (:id, epoch(), :ballast)"
-        await self._database.write(lambda tx: tx.execute(insert, values))
-        await self._database.write(lambda tx: tx.execute("DELETE FROM heartbeat WHERE id = :id", values))
+        if not self._in_doubt and time.monotonic() < self._checked + _FRESH:
+            return
+        self._database.check_disk()
+        values = {"ballast": os.urandom(_BALLAST if self._in_doubt else 1)}
+        statement = (
+            "INSERT INTO heartbeat (id, at, ballast) VALUES (0, epoch(), :ballast) "
+            "ON CONFLICT (id) DO UPDATE SET at = excluded.at, ballast = excluded.ballast"
+        )
+        await self._write(lambda tx: tx.execute(statement, values), patient=False)
+        self._in_doubt, self._checked = False, time.monotonic()
 
     def close(self) -> None:
         self._codec.shutdown()
+
+    async def _write(self, work: Callable[[Transaction], T], *, patient: bool = True) -> T:
+        """What `work` returns; after a failure checks are thorough until one succeeds."""
+        try:
+            return await self._database.write(work, patient=patient)
+        except Unavailable:
+            self._in_doubt = True
+            raise
 
     async def _find_oldest(self, ended: int, limit: int, untouched: float) -> list[Owned]:
         found = await self._database.read(

@@ -9,7 +9,7 @@ import sqlite3
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, asynccontextmanager, closing
+from contextlib import ExitStack, asynccontextmanager, closing, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,6 +24,10 @@ FILE_NAME = "sessions.sqlite"
 _REMEDY = "Check the state directory's disk and permissions, then try again."
 _SHRINK_PAGES = 1000
 _SYSTEM = {"db.system": "sqlite"}
+_MAX_REWRITTEN = 2**30
+"""Bytes of an old file up to which it is rewritten as one that can shrink, which takes seconds."""
+_MIN_FREE = 32 * 2**20
+"""Bytes of free disk below which the store says that it is not ready: a large depth image and its log."""
 
 T = TypeVar("T")
 
@@ -48,6 +52,7 @@ class SqliteDatabase:
     """
 
     def __init__(self, path: Path, changes: Changes) -> None:
+        self._folder = path.parent
         self._changes = changes
         self._writer, self._reader = _connect(path), _connect(path)
         self._writing = ThreadPoolExecutor(1, "pretouch-store-write")
@@ -60,7 +65,7 @@ class SqliteDatabase:
         except sqlite3.DatabaseError as error:
             raise _unavailable("read", error) from error
 
-    async def write(self, work: Callable[[Transaction], T]) -> T:
+    async def write(self, work: Callable[[Transaction], T], *, patient: bool = True) -> T:
         try:
             with span("store write", _SYSTEM):
                 result, topics = await _in_thread(self._writing, lambda: _run(self._writer, "BEGIN IMMEDIATE", work))
@@ -69,6 +74,19 @@ class SqliteDatabase:
         for topic in topics:
             self._changes.announce(topic)
         return result
+
+    def check_disk(self) -> None:
+        try:
+            disk = os.statvfs(self._folder)
+        except OSError as error:
+            raise Unavailable(f"The state directory {self._folder} cannot be read: {error}.", _REMEDY) from error
+        free = disk.f_bavail * disk.f_frsize
+        if free < _MIN_FREE:
+            raise Unavailable(
+                f"The disk of the state directory {self._folder} has {free / 2**20:.1f} MiB left; sessions need "
+                f"{_MIN_FREE >> 20}.",
+                "Make room on the disk.",
+            )
 
     async def shrink(self) -> None:
         try:
@@ -132,14 +150,19 @@ def _prepare(path: Path) -> None:
     path.parent.chmod(0o700)
     with closing(_connect(path)) as db:
         migrate(db, path.parent)
+        (row,) = db.execute("PRAGMA auto_vacuum")
+        if not row["auto_vacuum"] and path.stat().st_size < _MAX_REWRITTEN:
+            with suppress(sqlite3.OperationalError):  # no room for a copy: its free pages are used again all the same
+                db.execute("VACUUM")
 
 
 def _connect(path: Path) -> sqlite3.Connection:
     db = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
     db.row_factory = _name_columns
     db.create_function("epoch", 0, time.time)
-    db.execute("PRAGMA auto_vacuum = INCREMENTAL")  # of a new file
+    db.execute("PRAGMA auto_vacuum = INCREMENTAL")  # of a new file, or one that is rewritten
     db.execute("PRAGMA journal_mode = WAL")
+    db.execute(f"PRAGMA journal_size_limit = {_MIN_FREE}")
     # FULL: answered steps survive a power cut. Steps are seconds apart, so the fsync costs nothing.
     db.execute("PRAGMA synchronous = FULL")
     db.execute("PRAGMA foreign_keys = ON")
@@ -168,8 +191,8 @@ def _run(connection: sqlite3.Connection, begin: str, work: Callable[[Transaction
 
 
 def _shrink(connection: sqlite3.Connection) -> None:
-    with closing(connection.execute(f"PRAGMA incremental_vacuum({_SHRINK_PAGES})")) as pages:
-        pages.fetchall()
+    # Each step frees one page, and `execute` makes a single one.
+    connection.executescript(f"PRAGMA incremental_vacuum({_SHRINK_PAGES})")
 
 
 def _unavailable(done: str, error: sqlite3.DatabaseError) -> Exception:

@@ -26,8 +26,9 @@ CREATE TABLE session (
     skipped TEXT NOT NULL, -- JSON list of region ids
     answered TEXT NOT NULL -- JSON list of scan ids
 );
+CREATE INDEX scene_by_size ON scene (size);
 CREATE INDEX session_by_scene ON session (scene);
-CREATE INDEX session_by_age ON session (ended, touched);
+CREATE INDEX session_by_age ON session (ended, touched, size);
 CREATE INDEX session_by_owner ON session (owner, number);
 
 CREATE TABLE view (
@@ -75,9 +76,9 @@ CREATE TABLE lease (
     until DOUBLE PRECISION NOT NULL
 );
 
--- Written to find out whether the store can be written.
+-- One row, written to find out whether the store can be written.
 CREATE TABLE heartbeat (
-    id BIGINT PRIMARY KEY,
+    id SMALLINT PRIMARY KEY,
     at DOUBLE PRECISION NOT NULL,
     ballast BYTEA NOT NULL
 );

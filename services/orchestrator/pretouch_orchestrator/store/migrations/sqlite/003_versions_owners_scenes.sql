@@ -59,8 +59,9 @@ DROP TABLE idempotency_key;
 DROP TABLE session;
 ALTER TABLE new_session RENAME TO session;
 ALTER TABLE new_idempotency_key RENAME TO idempotency_key;
+CREATE INDEX scene_by_size ON scene (size);
 CREATE INDEX session_by_scene ON session (scene);
-CREATE INDEX session_by_age ON session (ended, touched);
+CREATE INDEX session_by_age ON session (ended, touched, size);
 CREATE INDEX session_by_owner ON session (owner, number);
 CREATE INDEX idempotency_key_by_session ON idempotency_key (session);
 
@@ -71,7 +72,7 @@ CREATE TABLE lease (
     until REAL NOT NULL -- s since the Unix epoch
 ) STRICT, WITHOUT ROWID;
 
--- Written to find out whether the store can be written.
+-- One row, written to find out whether the store can be written.
 CREATE TABLE heartbeat (
     id INTEGER PRIMARY KEY,
     at REAL NOT NULL, -- s since the Unix epoch
