@@ -121,6 +121,7 @@ def _serve(
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
     health_socket: Annotated[Path | None, typer.Option(hidden=True)] = None,
 ) -> None:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy reads it: they would be beside our own
     from pretouch.serving import Settings, serve
     from pretouch.serving.memory import choose_default_memory, parse_bytes
 

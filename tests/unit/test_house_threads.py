@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -12,6 +14,11 @@ ALLOWED = {
     "services/sensor_gateway/pretouch_sensor_gateway/recording": "reads a file ahead, one thread a device",
 }
 """Folders that wait for files and not for a processor."""
+
+
+def test_numpy_is_not_imported_before_a_service_has_said_how_many_threads_it_may_use() -> None:
+    program = "import sys, pretouch.__main__, pretouch.cli; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 def uses_default_executor(tree: ast.AST) -> bool:

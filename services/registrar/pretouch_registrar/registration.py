@@ -161,8 +161,11 @@ class Registrar:
         check_cancelled()
         if not scans:
             return problem, Solution(np.zeros(6), settings.prior.covariance())
-        with span("solve", {"pretouch.engine": settings.engine.value, "pretouch.scans": len(scans)}):
-            solution = solve(settings.engine, problem, model, self._resources)
+        try:
+            with span("solve", {"pretouch.engine": settings.engine.value, "pretouch.scans": len(scans)}):
+                solution = solve(settings.engine, problem, model, self._resources)
+        except np.linalg.LinAlgError:  # a scene that no camera sees, whose numbers determine nothing
+            solution = Solution(np.zeros(6), settings.prior.covariance())
         if settings.engine is Engine.POSTERIOR and settings.sensor.beam_half_angle == 0.0:
             assumed = replace(settings.sensor, beam_half_angle=ASSUMED_HALF_ANGLE)
             wide = build_problem(model, scans, settings.prior, assumed)

@@ -157,7 +157,7 @@ def build(scene: Scene) -> CameraModel:
     rims[own] = 0.0
     nearest[:, own], distance[own] = np.indices(mask.shape)[:, own], 0.0
     check_cancelled()
-    layers = _find_front_layers(metres, mask, min(round(_LAYER_REACH * px_per_m), max(mask.shape)))
+    layers = _find_front_layers(metres, mask, round(_LAYER_REACH * px_per_m))
     pixels = Pixels(
         _gather(normals, offsets, points, nearest),
         _gather(normals, offsets, points, _find_nearest(layers)[1])
@@ -206,7 +206,8 @@ def _find_nearest(mask: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int32]]:
 
 def _find_front_layers(metres: Array, mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """(h, w) True on object pixels within `reach` pixels of others that lie behind them by more than _LAYER_GAP."""
-    farthest = ndimage.maximum_filter(np.where(mask, metres, 0.0), size=2 * reach + 1)
+    size = [2 * min(reach, n) + 1 for n in mask.shape]
+    farthest = ndimage.maximum_filter(np.where(mask, metres, 0.0), size=size)
     return np.asarray(mask & (farthest - metres > _LAYER_GAP))
 
 
