@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing
-from typing import Any
+from typing import Any, TypeVar
+
+from google.protobuf.message import Message
 
 from pretouch.errors import InvalidInput
 from pretouch.serving import ServiceContext
@@ -23,6 +25,9 @@ from pretouch.wire.session import (
 )
 from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
 
+T = TypeVar("T")
+_SHORT = 256 * 1024
+"""Bytes of a message that takes milliseconds to decode."""
 SERVICE = pb.DESCRIPTOR.services_by_name["OrchestratorService"].full_name
 
 
@@ -42,9 +47,8 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         )
 
     async def ListSessions(self, request: pb.ListSessionsRequest, context: Any) -> pb.ListSessionsResponse:
-        sessions, following = await self._sessions.list_page(
-            current_caller().owner, request.limit or DEFAULT_PAGE, request.cursor
-        )
+        limit = request.limit if request.HasField("limit") else DEFAULT_PAGE
+        sessions, following = await self._sessions.list_page(current_caller().owner, limit, request.cursor)
         return pb.ListSessionsResponse(sessions=map(session_to_proto, sessions), next=following)
 
     async def SubmitScan(self, request: pb.SubmitScanRequest, context: Any) -> pb.SubmitScanResponse:
@@ -106,7 +110,7 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
             current_caller().owner,
             session_id,
             request.scan_id,
-            lambda: self._context.run_in_thread(submission_from_proto, request),
+            lambda: self._decode(submission_from_proto, request),
         )
 
     async def _tell(self, session_id: str, request: pb.TellSamplesRequest) -> ScanProgress:
@@ -114,8 +118,13 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
             current_caller().owner,
             session_id,
             request.scan_id,
-            lambda: self._context.run_in_thread(telling_from_proto, request),
+            lambda: self._decode(telling_from_proto, request),
         )
+
+    async def _decode(self, decode: Callable[[Any], T], request: Message) -> T:
+        """A short message does not wait behind images."""
+        run = self._context.run_briefly if request.ByteSize() <= _SHORT else self._context.run_in_thread
+        return await run(decode, request)
 
 
 def _check_session(named: str, running: str) -> None:

@@ -44,6 +44,8 @@ from pretouch_orchestrator.store.protocol import Busy, Event, KeyedRequest, Stal
 
 DEFAULT_PAGE, MAX_PAGE = 50, 200
 MAX_KEY = 255
+_BYTES_A_PIXEL = 24
+"""Memory for each pixel while a depth image is converted to metres."""
 _DEFECT = Internal(
     "The orchestrator met a defect of its own in this step.",
     "Open a new session, and report the defect with the service's log of this moment.",
@@ -216,7 +218,9 @@ class SessionManager:
                 if (existing := await self._find_created(owner, keyed)) is not None:
                     return existing
             await self._upkeep.make_room()
-            depth = await self._context.run_in_thread(DepthImage.from_values, values, request.depth_scale)
+            depth = await self._context.run_in_thread(
+                DepthImage.from_values, values, request.depth_scale, memory=_BYTES_A_PIXEL * values.size
+            )
             session_id = secrets.token_hex(8)
             with structlog.contextvars.bound_contextvars(session=session_id):
                 object_mask = None if mask is None else mask != 0

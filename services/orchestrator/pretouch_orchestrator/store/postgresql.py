@@ -18,6 +18,7 @@ import structlog
 from psycopg.rows import dict_row
 
 from pretouch.errors import Unavailable
+from pretouch.tracing import span
 from pretouch_orchestrator.store.changes import Changes
 from pretouch_orchestrator.store.database import Transaction
 from pretouch_orchestrator.store.postgresql_migrations import migrate
@@ -43,6 +44,7 @@ _CONNECTION: dict[str, Any] = {
     "tcp_user_timeout": 5000,
     "application_name": "pretouch-orchestrator",
 }
+_SYSTEM = {"db.system": "postgresql"}
 _SESSION = "SET statement_timeout = '5s'; SET lock_timeout = '5s'; SET idle_in_transaction_session_timeout = '10s'"
 _TRANSIENT = (psycopg.OperationalError, psycopg.InterfaceError, psycopg.errors.ReadOnlySqlTransaction)
 _RACES = (psycopg.errors.ForeignKeyViolation, psycopg.errors.UniqueViolation)
@@ -94,12 +96,14 @@ class PostgresqlDatabase:
         self._down_because = ""
 
     async def read(self, work: Callable[[Transaction], T]) -> T:
-        result, _ = await self._retry("read", work, "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY", _PATIENCE)
+        with span("store read", _SYSTEM):
+            result, _ = await self._retry("read", work, "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY", _PATIENCE)
         return result
 
     async def write(self, work: Callable[[Transaction], T], *, patient: bool = True) -> T:
         patience = _PATIENCE if patient else _PAUSE
-        result, topics = await self._retry("written", work, "BEGIN ISOLATION LEVEL READ COMMITTED", patience)
+        with span("store write", _SYSTEM):
+            result, topics = await self._retry("written", work, "BEGIN ISOLATION LEVEL READ COMMITTED", patience)
         for topic in topics:
             self._changes.announce(topic)
         return result

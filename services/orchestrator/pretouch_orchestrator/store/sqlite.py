@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pretouch.errors import Unavailable
+from pretouch.tracing import span
 from pretouch_orchestrator.store.changes import Changes
 from pretouch_orchestrator.store.database import Transaction
 from pretouch_orchestrator.store.sql_store import SqlStore
@@ -22,6 +23,7 @@ from pretouch_orchestrator.store.sqlite_migrations import migrate
 FILE_NAME = "sessions.sqlite"
 _REMEDY = "Check the state directory's disk and permissions, then try again."
 _SHRINK_PAGES = 1000
+_SYSTEM = {"db.system": "sqlite"}
 _MAX_REWRITTEN = 2**30
 """Bytes of an old file up to which it is rewritten as one that can shrink, which takes seconds."""
 _MIN_FREE = 32 * 2**20
@@ -58,13 +60,15 @@ class SqliteDatabase:
 
     async def read(self, work: Callable[[Transaction], T]) -> T:
         try:
-            return (await _in_thread(self._reading, lambda: _run(self._reader, "BEGIN", work)))[0]
+            with span("store read", _SYSTEM):
+                return (await _in_thread(self._reading, lambda: _run(self._reader, "BEGIN", work)))[0]
         except sqlite3.DatabaseError as error:
             raise _unavailable("read", error) from error
 
     async def write(self, work: Callable[[Transaction], T], *, patient: bool = True) -> T:
         try:
-            result, topics = await _in_thread(self._writing, lambda: _run(self._writer, "BEGIN IMMEDIATE", work))
+            with span("store write", _SYSTEM):
+                result, topics = await _in_thread(self._writing, lambda: _run(self._writer, "BEGIN IMMEDIATE", work))
         except sqlite3.DatabaseError as error:
             raise _unavailable("written", error) from error
         for topic in topics:
