@@ -39,7 +39,8 @@ class PretouchError(Exception):
     Args:
         detail: what was wrong, with the offending value.
         remedy: what the caller can do about it.
-        retry_after: s after which the same call may succeed; None: the kind's own, `RETRY_AFTER`.
+        retry_after: s after which the same call may succeed; None: the kind's own, `RETRY_AFTER`; infinite: waiting
+            does not help.
     """
 
     RETRY_AFTER: ClassVar[float | None] = None
@@ -167,16 +168,20 @@ def problem(error: PretouchError) -> dict[str, Any]:
         "detail": error.detail,
         "remedy": error.remedy,
     }
-    return document if error.retry_after is None else document | {"retry_after": error.retry_after}
+    if error.retry_after is None or math.isinf(error.retry_after):
+        return document
+    return document | {"retry_after": error.retry_after}
 
 
 def from_problem(document: dict[str, Any]) -> PretouchError:
     """The error that `problem` wrote; an unknown type becomes `Internal`."""
     slug = str(document.get("type", "")).removeprefix(TYPE_PREFIX)
     kind = _BY_SLUG.get(slug, Internal)
-    retry_after = document.get("retry_after")
-    seconds = float(retry_after) if isinstance(retry_after, int | float) and 0 <= retry_after < math.inf else None
-    return kind(str(document.get("detail", "")), str(document.get("remedy", "")), seconds)
+    seconds = document.get("retry_after")
+    if not isinstance(seconds, int | float) or not 0 <= seconds < 1e9:
+        seconds = None if kind.RETRY_AFTER is None else math.inf
+    detail = str(document.get("detail") or "The service did not say what was wrong.")
+    return kind(detail, str(document.get("remedy", "")), None if seconds is None else float(seconds))
 
 
 _UNREACHABLE = (
@@ -185,17 +190,35 @@ _UNREACHABLE = (
 )
 
 
+def unreachable(detail: str) -> Unavailable:
+    """The error of a connection that cannot be made or broke; nobody said when to try again."""
+    error = Unavailable(detail, _UNREACHABLE)
+    error.retry_after = None
+    return error
+
+
 def from_rpc_error(error: grpc.RpcError) -> PretouchError:
     """The error behind a failed gRPC call: from its problem metadata, else from its status code."""
     metadata = error.trailing_metadata() if hasattr(error, "trailing_metadata") else None
     for key, value in metadata or ():
-        if key == PROBLEM_METADATA_KEY:
-            return from_problem(json.loads(value))
+        if key == PROBLEM_METADATA_KEY and (document := _read_problem(value)) is not None:
+            return from_problem(document)
     code = error.code() if hasattr(error, "code") else _C.UNKNOWN
     detail = (error.details() if hasattr(error, "details") else None) or str(error)
     if code in (_C.UNAVAILABLE, _C.CANCELLED):
-        return Unavailable(detail, _UNREACHABLE)
+        return unreachable(detail)
+    if code is _C.RESOURCE_EXHAUSTED and "larger than max" not in detail:
+        return Overloaded(detail, "Try again shortly.")
     for kind, wire in WIRE.items():
         if wire.grpc_code is code:
             return kind(detail)
     return Internal(f"{code}: {detail}")
+
+
+def _read_problem(value: bytes) -> dict[str, Any] | None:
+    """The problem document in metadata; None if it is none."""
+    try:
+        document = json.loads(value)
+    except (ValueError, RecursionError):
+        return None
+    return document if isinstance(document, dict) else None

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from pretouch.cancellation import Cancellation, bind_cancellation
 from pretouch.errors import Overloaded
 from pretouch.serving.memory import MemoryBudget
+from pretouch.tracing import span
 
 T = TypeVar("T")
 
@@ -85,7 +86,7 @@ class Workers:
             with suppress(RuntimeError):  # the loop has ended, and with it the budget
                 loop.call_soon_threadsafe(release)
 
-        future = self._pool.submit(context.run, fn, *args)
+        future = self._pool.submit(context.run, _run_in_span, fn, *args)
         future.add_done_callback(end)
         try:
             return await asyncio.wrap_future(future)
@@ -98,3 +99,8 @@ class Workers:
     def close(self) -> None:
         """Drops what waits; running jobs end in their own time."""
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _run_in_span(fn: Callable[..., T], *args: Any) -> T:
+    with span(f"job {getattr(fn, '__qualname__', fn)}"):
+        return fn(*args)

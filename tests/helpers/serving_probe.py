@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
-import sys
 import threading
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -40,6 +41,8 @@ class Probe:
                 raise errors.InvalidInput("ä" * 100_000, "ö" * 100_000)
             case ["abort"]:
                 await context.abort(grpc.StatusCode.DATA_LOSS, "by hand")
+            case ["block"]:
+                time.sleep(3600)  # noqa: ASYNC251 - the event loop's deadlock is what is wanted
             case ["forever"]:
                 await asyncio.Event().wait()
             case ["spin", seconds]:
@@ -137,4 +140,11 @@ class Stub:
 
 
 if __name__ == "__main__":
-    asyncio.run(serve("probe", running, Settings(grace=float(sys.argv[1])), until_stdin_closes="--stdin" in sys.argv))
+    parser = argparse.ArgumentParser()
+    parser.add_argument("grace", type=float)
+    parser.add_argument("--port", type=int, default=0)
+    parser.add_argument("--health-socket", type=Path)
+    parser.add_argument("--until-stdin-closes", action="store_true")
+    given = parser.parse_args()
+    settings = Settings(grace=given.grace, port=given.port, health_socket=given.health_socket)
+    asyncio.run(serve("probe", running, settings, until_stdin_closes=given.until_stdin_closes))

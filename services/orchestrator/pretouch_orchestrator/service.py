@@ -17,10 +17,12 @@ from pretouch.v1 import detector_pb2_grpc, registrar_pb2_grpc
 from pretouch.v1 import sensor_gateway_pb2_grpc as gateway_pb2_grpc
 from pretouch.v1.orchestrator_pb2_grpc import add_OrchestratorServiceServicer_to_server
 from pretouch_orchestrator.rest.app import create_rest_app
+from pretouch_orchestrator.rest.hosts import HostCheck
 from pretouch_orchestrator.rest.server import serve_rest
 from pretouch_orchestrator.servicer import SERVICE, OrchestratorServicer
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.manager import SessionManager
+from pretouch_orchestrator.sessions.upkeep import Upkeep
 from pretouch_orchestrator.settings import OrchestratorSettings
 from pretouch_orchestrator.store import open_store
 from pretouch_orchestrator.store.protocol import Store
@@ -36,7 +38,7 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
 
     Raises:
         InvalidInput: a setting is missing or wrong.
-        Unavailable: the state directory or the REST port is not usable.
+        Unavailable: the session store or the REST port is not usable.
     """
     settings = OrchestratorSettings.from_environment(os.environ)
     async with AsyncExitStack() as stack:
@@ -62,13 +64,15 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
             upstreams.append(await connect("sensor gateway", address, gateway_pb2_grpc.SensorGatewayServiceStub))
             gateway = GatewayClient(upstreams[-1])
         loop = Loop(DetectorClient(detector), RegistrarClient(registrar), gateway, context.go_on_in_thread)
-        sessions = SessionManager(store, loop, context)
+        upkeep = Upkeep(store, settings.limits, context.log)
+        sessions = SessionManager(store, loop, context, upkeep)
         stack.push_async_callback(sessions.close)
         add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
-        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams))
+        hosts = HostCheck(settings.rest_host, settings.allowed_hosts)
+        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams), hosts)
         await stack.enter_async_context(serve_rest(app, settings, context))
-        ending = asyncio.create_task(_end_streams_when_draining(sessions, context))
-        stack.callback(ending.cancel)
+        for work in (upkeep.run(), _end_streams_when_draining(sessions, context)):
+            stack.push_async_callback(_stop, asyncio.create_task(work))
         yield (SERVICE,)
 
 
@@ -87,6 +91,11 @@ def _make_readiness_check(store: Store, upstreams: Sequence[Copies]) -> Callable
             )
 
     return check
+
+
+async def _stop(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
 
 
 async def _end_streams_when_draining(sessions: SessionManager, context: ServiceContext) -> None:

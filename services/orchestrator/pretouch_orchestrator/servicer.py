@@ -12,6 +12,7 @@ from google.protobuf.message import Message
 
 from pretouch.errors import InvalidInput
 from pretouch.serving import ServiceContext
+from pretouch.serving.caller import current_caller
 from pretouch.session import ScanProgress, Session
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1 import orchestrator_pb2_grpc
@@ -41,10 +42,13 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         return pb.CreateSessionResponse(session=session_to_proto(await self._create(request)))
 
     async def GetSession(self, request: pb.GetSessionRequest, context: Any) -> pb.GetSessionResponse:
-        return pb.GetSessionResponse(session=session_to_proto(await self._sessions.get(request.session_id)))
+        return pb.GetSessionResponse(
+            session=session_to_proto(await self._sessions.get(current_caller().owner, request.session_id))
+        )
 
     async def ListSessions(self, request: pb.ListSessionsRequest, context: Any) -> pb.ListSessionsResponse:
-        sessions, following = await self._sessions.list_page(request.limit or DEFAULT_PAGE, request.cursor)
+        limit = request.limit if request.HasField("limit") else DEFAULT_PAGE
+        sessions, following = await self._sessions.list_page(current_caller().owner, limit, request.cursor)
         return pb.ListSessionsResponse(sessions=map(session_to_proto, sessions), next=following)
 
     async def SubmitScan(self, request: pb.SubmitScanRequest, context: Any) -> pb.SubmitScanResponse:
@@ -54,12 +58,13 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         return pb.TellSamplesResponse(progress=progress_to_proto(await self._tell(request.session_id, request)))
 
     async def CancelSession(self, request: pb.CancelSessionRequest, context: Any) -> pb.CancelSessionResponse:
-        return pb.CancelSessionResponse(session=session_to_proto(await self._sessions.cancel(request.session_id)))
+        session = await self._sessions.cancel(current_caller().owner, request.session_id, request.purge)
+        return pb.CancelSessionResponse(session=session_to_proto(session))
 
     async def StreamEvents(
         self, request: pb.StreamEventsRequest, context: Any
     ) -> AsyncIterator[pb.StreamEventsResponse]:
-        async with aclosing(self._sessions.follow(request.session_id, request.after)) as events:
+        async with aclosing(self._sessions.follow(current_caller().owner, request.session_id, request.after)) as events:
             async for event in events:
                 if event is not None:
                     yield pb.StreamEventsResponse(id=event.id, type=event.type, data=json.dumps(event.data))
@@ -84,7 +89,7 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
             case "create" if session is None:
                 return await self._create(request.create)
             case "session_id" if session is None:
-                return await self._sessions.get(request.session_id)
+                return await self._sessions.get(current_caller().owner, request.session_id)
             case "scan" if session is not None:
                 _check_session(request.scan.session_id, session.id)
                 return await self._submit(session.id, request.scan)
@@ -96,15 +101,25 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
 
     async def _create(self, request: pb.CreateSessionRequest) -> Session:
         wanted, values, mask = await self._context.run_in_thread(request_from_proto, request)
-        return await self._sessions.create(wanted, values, mask, request.idempotency_key or None)
+        return await self._sessions.create(
+            current_caller().owner, wanted, values, mask, request.idempotency_key or None
+        )
 
     async def _submit(self, session_id: str, request: pb.SubmitScanRequest) -> Session:
         return await self._sessions.submit(
-            session_id, request.scan_id, lambda: self._decode(submission_from_proto, request)
+            current_caller().owner,
+            session_id,
+            request.scan_id,
+            lambda: self._decode(submission_from_proto, request),
         )
 
     async def _tell(self, session_id: str, request: pb.TellSamplesRequest) -> ScanProgress:
-        return await self._sessions.tell(session_id, request.scan_id, lambda: self._decode(telling_from_proto, request))
+        return await self._sessions.tell(
+            current_caller().owner,
+            session_id,
+            request.scan_id,
+            lambda: self._decode(telling_from_proto, request),
+        )
 
     async def _decode(self, decode: Callable[[Any], T], request: Message) -> T:
         """A short message does not wait behind images."""

@@ -16,6 +16,7 @@ from pretouch.geometry import Array
 from pretouch.scan_prediction import Candidate, Prediction, check_pieces
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
+from pretouch.tracing import span
 from pretouch_registrar.beam_selection import select_beams
 from pretouch_registrar.downsampling import downsample_scene
 from pretouch_registrar.engines import Engine, camera_model, solve
@@ -161,7 +162,8 @@ class Registrar:
         if not scans:
             return problem, Solution(np.zeros(6), settings.prior.covariance())
         try:
-            solution = solve(settings.engine, problem, model, self._resources)
+            with span("solve", {"pretouch.engine": settings.engine.value, "pretouch.scans": len(scans)}):
+                solution = solve(settings.engine, problem, model, self._resources)
         except np.linalg.LinAlgError:  # a scene that no camera sees, whose numbers determine nothing
             solution = Solution(np.zeros(6), settings.prior.covariance())
         if settings.engine is Engine.POSTERIOR and settings.sensor.beam_half_angle == 0.0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -60,6 +61,7 @@ class DetectorClient:
                 f"The proposer {proposer.value!r} is not ready{''.join(f': {reason}' for reason in reasons)}. "
                 f"Ready: {', '.join(ready) or 'none'}.",
                 "Choose one that is ready, or leave out `proposer` to use the best of them.",
+                retry_after=math.inf,
             )
 
 

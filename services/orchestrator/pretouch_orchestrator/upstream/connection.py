@@ -21,6 +21,7 @@ from pretouch.errors import (
     Unavailable,
     from_rpc_error,
 )
+from pretouch.tracing import propagated, span
 
 _HEALTH_DEADLINE = 3.0
 _LOOK_AFTER = 2.0
@@ -62,9 +63,13 @@ class UpstreamConnection:
             RefusedForSize: see there.
             PretouchError: the service's own error.
         """
+        with span(f"{self._name} {method}", {"server.address": self.address}, client=True):
+            return await self._call(method, request, deadline)
+
+    async def _call(self, method: str, request: Any, deadline: float) -> Any:
         context = structlog.contextvars.get_contextvars()
         metadata = [(key, str(context[name])) for name, key in _LOGGED_IDS if name in context]
-        call = getattr(self._stub, method)(request, timeout=deadline, metadata=metadata)
+        call = getattr(self._stub, method)(request, timeout=deadline, metadata=[*metadata, *propagated().items()])
         answer = asyncio.ensure_future(call)
         try:
             while not (await asyncio.wait((answer,), timeout=_LOOK_AFTER))[0]:
