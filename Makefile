@@ -43,6 +43,7 @@ bench: $(VENV)/.bench
 
 fuzz: $(VENV)/.fuzz
 	$(BIN)/python -m fuzz --seconds 180
+	$(BIN)/python -m fuzz.apis --seconds 180
 
 # The versions and hashes that are installed, for all platforms and Pythons; they name no index, so that any mirror will do.
 # An image also holds what its service needs in a fleet.

@@ -20,6 +20,9 @@ _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_PIXELS = 4_000_000
 MAX_DEPTH = 10_000.0
 """m; more is a wrong scale."""
+DEFAULT_DEPTH_SCALE = {np.dtype(np.uint16): 0.001, np.dtype(np.float32): 1.0}
+"""m of one stored unit of each type of depth image, where nothing is said about it."""
+_MAX_PNG_CHUNKS = 10_000  # libpng writes an image of MAX_PIXELS in about a thousand
 _SHORTEST_FOCAL_LENGTH, _LARGEST_INTRINSIC = 0.01, 1e6  # pixels
 
 
@@ -85,9 +88,11 @@ class DepthImage:
     Attributes:
         metres: (h, w) float32, z along the optical axis; 0 where there is no data. NaN, infinite and negative values
             given become 0.
+        scale: m of one stored unit of the image that was sent, for what is said about it; 1 for metres.
     """
 
     metres: NDArray[np.float32]
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
         values = np.asarray(self.metres)
@@ -104,28 +109,38 @@ class DepthImage:
         metres[~(np.isfinite(metres) & (metres > 0))] = 0.0
         if metres.max() > MAX_DEPTH:
             raise InvalidInput(
-                f"The depth image holds {metres.max():g} m; the limit is {MAX_DEPTH:g} m.",
-                "Check camera.depth_scale, and send 0 or NaN where there is no data.",
+                f"The depth image holds {metres.max():g} m; the limit is {MAX_DEPTH:g} m. Its median is "
+                f"{np.median(metres[metres > 0]):.3g} m with depth_scale {self.scale:g}.",
+                "Check camera.depth_scale and the order of bytes, and send 0 or NaN where there is no data.",
             )
         metres.setflags(write=False)
         object.__setattr__(self, "metres", metres)
 
     @staticmethod
-    def from_values(values: NDArray[np.generic], depth_scale: float) -> DepthImage:
+    def from_values(values: NDArray[np.generic], depth_scale: float | None = None) -> DepthImage:
         """From stored values (h, w), uint16 or float32; metres = value x depth_scale.
+
+        The largest value of the type means no data, as 0 does.
+
+        Args:
+            depth_scale: m; None: DEFAULT_DEPTH_SCALE.
 
         Raises:
             InvalidInput: another type, or a scale that is not positive.
         """
-        scale = float(frozen_array(depth_scale, (), "camera.depth_scale"))
-        if scale <= 0:
-            raise InvalidInput(f"camera.depth_scale is {scale:g}.", "Send the metres that one stored unit stands for.")
-        if values.dtype not in (np.uint16, np.float32):
+        if values.dtype not in DEFAULT_DEPTH_SCALE:
             raise InvalidInput(
                 f"The depth image holds {values.dtype} values.", "Send uint16 or float32 values and camera.depth_scale."
             )
+        if depth_scale is None:
+            depth_scale = DEFAULT_DEPTH_SCALE[values.dtype]
+        scale = float(frozen_array(depth_scale, (), "camera.depth_scale"))
+        if scale <= 0:
+            raise InvalidInput(f"camera.depth_scale is {scale:g}.", "Send the metres that one stored unit stands for.")
+        largest = np.iinfo(np.uint16).max if values.dtype == np.uint16 else np.finfo(np.float32).max
         with np.errstate(over="ignore", invalid="ignore"):
-            return DepthImage((values.astype(np.float64) * scale).astype(np.float32))
+            metres = (values.astype(np.float64) * scale).astype(np.float32)
+        return DepthImage(np.where(values == largest, np.float32(0), metres), scale)
 
     @property
     def height(self) -> int:
@@ -176,19 +191,23 @@ def _decode_npy(data: bytes) -> NDArray[np.generic]:
     remedy = "Write it with numpy.save from a two-dimensional uint16 or float32 array."
     try:
         version = np.lib.format.read_magic(stream)
+        if version not in ((1, 0), (2, 0), (3, 0)):
+            raise ValueError(version)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = read_header(stream)
+        shape, fortran_order, dtype = read_header(stream)
     except Exception as error:  # numpy raises many kinds on a damaged header
         raise Malformed("The .npy depth image has a damaged header.", remedy) from error
     if len(shape) != 2 or dtype.newbyteorder("=") not in (np.dtype(np.uint16), np.dtype(np.float32)):
         raise InvalidInput(f"The .npy depth image holds {dtype} values of shape {list(shape)}.", remedy)
-    if shape[0] * shape[1] > MAX_PIXELS:
-        raise TooLarge(f"The depth image has {shape[0] * shape[1]} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
-    try:
-        values: NDArray[np.generic] = np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise Malformed("The .npy depth image is cut short.", remedy) from error
-    return values.astype(values.dtype.newbyteorder("="))
+    if any(type(side) is not int or side < 1 for side in shape):  # True is a number to numpy's header, and to no array
+        raise InvalidInput(f"The .npy depth image has shape {list(shape)!s:.80}.", remedy)
+    count = shape[0] * shape[1]
+    if count > MAX_PIXELS:
+        raise TooLarge(f"The depth image has {count:g} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
+    if len(data) - stream.tell() < count * dtype.itemsize:
+        raise Malformed("The .npy depth image is cut short.", remedy)
+    values = np.frombuffer(data, dtype, count, stream.tell()).reshape(shape, order="F" if fortran_order else "C")
+    return np.ascontiguousarray(values, dtype.newbyteorder("="))
 
 
 def decode_png(data: bytes, name: str) -> NDArray[np.generic]:
@@ -198,12 +217,38 @@ def decode_png(data: bytes, name: str) -> NDArray[np.generic]:
         Malformed: not a PNG, or damaged.
         TooLarge: more than MAX_PIXELS pixels.
     """
-    if data.startswith(_PNG_SIGNATURE) and len(data) >= 24:
-        width, height = struct.unpack(">II", data[16:24])
-        if width * height > MAX_PIXELS:
-            raise TooLarge(f"The {name} has {width * height} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
+    pixels = _count_png_pixels(data)
+    if pixels > MAX_PIXELS:
+        raise TooLarge(f"The {name} has {pixels} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
     try:
+        if pixels == 0:
+            raise ValueError("no PNG, or one whose header does not come first and once")
         with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
             return np.array(image)
     except Exception as error:  # Pillow raises many kinds on damaged files
         raise Malformed(f"The {name} is not a readable PNG.", f"Send the {name} as a PNG file.") from error
+
+
+def _count_png_pixels(data: bytes) -> int:
+    """Pixels by a PNG's header, so that nothing larger is unpacked; 0 for what is no PNG.
+
+    Pillow believes the last header, wherever it is, and takes long over very many chunks.
+    """
+    at, pixels = len(_PNG_SIGNATURE), 0
+    if not data.startswith(_PNG_SIGNATURE):
+        return 0
+    for number in range(_MAX_PNG_CHUNKS):
+        if len(data) < at + 8:
+            return pixels
+        length, kind = struct.unpack_from(">I4s", data, at)
+        if (kind == b"IHDR") != (number == 0):
+            return 0
+        if number == 0:
+            if len(data) < at + 16:
+                return 0
+            width, height = struct.unpack_from(">II", data, at + 8)
+            pixels = width * height
+        if kind == b"IEND":
+            return pixels
+        at += 12 + length
+    return 0

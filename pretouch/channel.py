@@ -27,6 +27,7 @@ MESSAGE_LIMITS = (
 _TOKEN = re.compile(r"[!-~]+")
 _OPTIONS = (
     *MESSAGE_LIMITS,
+    ("grpc.enable_http_proxy", 0),  # the services are on this machine or its network, whatever the environment says
     ("grpc.lb_policy_name", "round_robin"),  # several copies behind one DNS name share the calls
     ("grpc.initial_reconnect_backoff_ms", 200),
     ("grpc.max_reconnect_backoff_ms", 3000),  # gRPC's own two minutes would outlast a restarted service

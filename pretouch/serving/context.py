@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 import structlog
 
+from pretouch.serving.admission import TokenCheck
 from pretouch.serving.memory import MemoryBudget, left_for_work
 from pretouch.serving.metrics import Metrics
 from pretouch.serving.settings import Settings
+from pretouch.serving.tokens import Tokens
 from pretouch.serving.workers import Workers
 
 T = TypeVar("T")
@@ -24,16 +27,20 @@ _BRIEF_QUEUE = 8
 
 
 class ServiceContext:
-    """A service's settings, log, metrics, threads and memory.
+    """A service's settings, tokens, log, metrics, threads and memory.
 
     `log` is a structlog logger whose lines carry the session and scan of the call they belong to. `draining` is set
     once the service was told to stop: a stream without an end should end then.
+
+    Raises:
+        InvalidInput: the file of tokens is wrong.
     """
 
     def __init__(self, name: str, settings: Settings) -> None:
         self.name = name
         self.settings = settings
         self.log: structlog.typing.FilteringBoundLogger = structlog.get_logger(f"pretouch.{name}")
+        self.token_check = TokenCheck(Tokens(settings.token, settings.tokens_file))
         self.metrics = Metrics(name)
         self.draining = asyncio.Event()
         self.messages, self._work = MemoryBudget(0), MemoryBudget(0)
@@ -44,7 +51,7 @@ class ServiceContext:
         self.metrics.gauge("queue_jobs", "CPU jobs that wait for a thread.").set_function(lambda: self._workers.waiting)
         for name, budget in (("message", self.messages), ("work", self._work)):
             gauge = self.metrics.gauge(f"{name}_memory_bytes", f"Memory reserved for {name}s.")
-            gauge.set_function(lambda budget=budget: budget.used)
+            gauge.set_function(partial(getattr, budget, "used"))
 
     @property
     def memory(self) -> int:

@@ -8,7 +8,8 @@ import json
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, cast
+from urllib.parse import unquote
 
 import grpc
 import grpc.aio
@@ -28,6 +29,7 @@ from pretouch.errors import (
     wire_of,
 )
 from pretouch.serving.admission import AdmissionControl
+from pretouch.serving.caller import Caller, forbid_change, set_caller
 from pretouch.serving.context import ServiceContext
 from pretouch.tracing import server_span
 
@@ -54,23 +56,30 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         handler = await continuation(details)
         if handler is None or details.method.startswith(_HEALTH):
             return handler
-        refusal = self._admission.refusal(_texts(details.invocation_metadata).get("authorization", ""))
-        if refusal is not None:
-            handler = _refuse_unread(refusal)
-        return self._surround(handler, details.method.removeprefix("/"))
+        authorization = _texts(details.invocation_metadata).get("authorization", "").encode()
+        caller = self._service.token_check.identify(authorization)
+        refusal: PretouchError | None
+        if caller is None:
+            handler = _refuse_unread(lambda address: self._service.token_check.refuse(authorization, address))
+        elif caller.read_only and not _only_reads(details.method):
+            handler = _refuse_unread(lambda _: forbid_change())
+        elif (refusal := self._admission.admit(cast("asyncio.Task[Any]", asyncio.current_task()))) is not None:
+            handler = _refuse_unread(lambda _: refusal)
+        return self._surround(handler, details.method.removeprefix("/"), caller or Caller())
 
-    def _surround(self, handler: Any, method: str) -> Any:
+    def _surround(self, handler: Any, method: str, caller: Caller) -> Any:
         """Takes every kind of call as a stream of requests: a single one is then read once there is memory for it."""
         kinds = ("unary_unary", "unary_stream") if not handler.request_streaming else ("stream_unary", "stream_stream")
         behaviour = getattr(handler, kinds[bool(handler.response_streaming)])
         read = _pass_on if handler.request_streaming else self._read_single
 
         async def single_answer(requests: AsyncIterator[Any], context: grpc.aio.ServicerContext) -> Any:
-            async with self._around(method, context, self._service.settings.deadline), read(requests) as request:
+            deadline = self._service.settings.deadline
+            async with self._around(method, caller, context, deadline), read(requests) as request:
                 return await behaviour(request, context)
 
         async def many_answers(requests: AsyncIterator[Any], context: grpc.aio.ServicerContext) -> AsyncIterator[Any]:
-            async with self._around(method, context, None), read(requests) as request:
+            async with self._around(method, caller, context, None), read(requests) as request:
                 answers = behaviour(request, context)
                 if inspect.isawaitable(answers):  # a handler that calls context.write itself
                     await answers
@@ -94,8 +103,6 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
             try:
                 async with asyncio.timeout(_READ_WITHIN):
                     request = await anext(requests, None)
-            except DecodeError as error:
-                raise Malformed("The request's bytes are no message of its type.", "Send it as .proto says.") from error
             except TimeoutError as error:
                 raise DeadlineExceeded(
                     f"The request did not arrive within {_READ_WITHIN:g} s.", "Send it without pausing."
@@ -107,8 +114,9 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
 
     @asynccontextmanager
     async def _around(
-        self, method: str, context: grpc.aio.ServicerContext, deadline: float | None
+        self, method: str, caller: Caller, context: grpc.aio.ServicerContext, deadline: float | None
     ) -> AsyncIterator[None]:
+        set_caller(caller)
         metadata = _texts(context.invocation_metadata())
         ids = {name: metadata[key][:64] for key, name in _LOGGED_IDS if key in metadata}
         metrics = self._service.metrics
@@ -145,6 +153,8 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         """`caught` itself if it may cross the wire; any other goes to the log with its trace."""
         if isinstance(caught, MemoryError):
             return Overloaded("The service has run out of memory.", "Try again shortly, or ask for less.")
+        if isinstance(caught, DecodeError):
+            return Malformed("The request's bytes are no message of its type.", "Send it as .proto says.")
         if isinstance(caught, PretouchError) and not isinstance(caught, Internal):
             return caught
         self._service.log.error("a call met a defect", method=method, exc_info=caught)
@@ -166,13 +176,24 @@ def _texts(metadata: Iterable[tuple[str, Any]] | None) -> dict[str, str]:
     return {key: value for key, value in metadata or () if isinstance(value, str)}
 
 
-def _refuse_unread(refusal: PretouchError) -> Any:
-    """A handler that refuses any kind of call; as a stream it need not read the request first."""
+def _only_reads(method: str) -> bool:
+    """Whether a call of this method changes nothing: our names say it."""
+    service, _, name = method.rpartition("/")
+    return name.startswith(("Get", "List", "Stream")) or service.startswith("/grpc.reflection.")
 
-    async def refuse(_: Any, __: Any) -> None:
-        raise refusal
+
+def _refuse_unread(make_error: Callable[[str], PretouchError]) -> Any:
+    """A handler that refuses any kind of call by an error for the caller's address; as a stream it need not read."""
+
+    async def refuse(_: Any, context: grpc.aio.ServicerContext) -> None:
+        raise make_error(_get_address(context.peer()))
 
     return grpc.stream_stream_rpc_method_handler(refuse)
+
+
+def _get_address(peer: str) -> str:
+    """The address of `ipv4:address:port`, or of `ipv6:[address]:port` with its brackets percent-encoded."""
+    return unquote(peer.partition(":")[2].rpartition(":")[0]).strip("[]")
 
 
 async def _abort(context: grpc.aio.ServicerContext, error: PretouchError) -> None:

@@ -26,7 +26,11 @@ class Settings:
     metrics_port: int | None = None
     """Prometheus over HTTP on the same host; None is off, 0 lets the system choose."""
     token: str | None = field(default=None, repr=False)
-    """Bearer token that every call but a health check must carry; None asks for none."""
+    """Bearer token that every call but a health check must carry; None asks for none, but see `tokens_file`."""
+    tokens_file: Path | None = None
+    """More tokens, each with an owner and a role; see `pretouch.serving.tokens`."""
+    open_metrics: bool = False
+    """Whether metrics need no token."""
     tls_cert: Path | None = None
     tls_key: Path | None = None
     tls_client_ca: Path | None = None
@@ -74,16 +78,16 @@ class Settings:
         if self.log_level not in LOG_LEVELS:
             raise InvalidInput(f"The log level is {self.log_level!r}.", f"Choose one of {', '.join(LOG_LEVELS)}.")
 
-    @property
-    def loopback(self) -> bool:
-        """Whether only this machine can reach the service."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
-
     def address(self, port: int) -> str:
         """`host:port` as gRPC and URLs write it."""
         return f"[{self.host}]:{port}" if ":" in self.host else f"{self.host}:{port}"
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach what listens on `host`."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from pretouch_orchestrator.perception.segmentation import USUAL_DEPTH
+from pretouch_orchestrator.perception.depth_check import USUAL_DEPTH
 from pretouch_orchestrator.sessions.record import Record
 from rich.console import Console
 from rich.table import Table

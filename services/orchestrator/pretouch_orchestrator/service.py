@@ -17,6 +17,7 @@ from pretouch.v1 import detector_pb2_grpc, registrar_pb2_grpc
 from pretouch.v1 import sensor_gateway_pb2_grpc as gateway_pb2_grpc
 from pretouch.v1.orchestrator_pb2_grpc import add_OrchestratorServiceServicer_to_server
 from pretouch_orchestrator.rest.app import create_rest_app
+from pretouch_orchestrator.rest.hosts import HostCheck
 from pretouch_orchestrator.rest.server import serve_rest
 from pretouch_orchestrator.servicer import SERVICE, OrchestratorServicer
 from pretouch_orchestrator.sessions.loop import Loop
@@ -67,7 +68,8 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
         sessions = SessionManager(store, loop, context, upkeep)
         stack.push_async_callback(sessions.close)
         add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
-        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams))
+        hosts = HostCheck(settings.rest_host, settings.allowed_hosts)
+        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams), hosts)
         await stack.enter_async_context(serve_rest(app, settings, context))
         for work in (upkeep.run(), _end_streams_when_draining(sessions, context)):
             stack.push_async_callback(_stop, asyncio.create_task(work))

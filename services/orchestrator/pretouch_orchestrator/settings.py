@@ -19,6 +19,7 @@ class OrchestratorSettings:
     """Where REST is served, where sessions are kept, and where the other services are.
 
     Attributes:
+        allowed_hosts: names by which REST may be called, beside its own; "*" for all.
         rest_port: 0 chooses a free port, which the log names.
         store: where sessions are kept, as `store.open_store` takes it.
         detector, registrar: where their copies are.
@@ -35,11 +36,12 @@ class OrchestratorSettings:
     rest_host: str = "127.0.0.1"
     rest_port: int = 8080
     tls_ca: Path | None = None
+    allowed_hosts: tuple[str, ...] = ()
 
     @staticmethod
     def from_environment(environment: Mapping[str, str]) -> OrchestratorSettings:
         """Reads PRETOUCH_ORCHESTRATOR_ with DETECTOR, REGISTRAR, STATE, STORE, KEEP, MAX_STORE, GATEWAY, REST_HOST,
-        REST_PORT and TLS_CA.
+        REST_PORT, ALLOWED_HOSTS and TLS_CA.
 
         Raises:
             InvalidInput: DETECTOR, REGISTRAR, or both STATE and STORE are missing, or another one cannot be read.
@@ -69,6 +71,9 @@ class OrchestratorSettings:
             rest_host=get_optional("REST_HOST") or "127.0.0.1",
             rest_port=int(port),
             tls_ca=None if ca is None else Path(ca),
+            allowed_hosts=tuple(
+                name.strip() for name in (get_optional("ALLOWED_HOSTS") or "").split(",") if name.strip()
+            ),
         )
 
 

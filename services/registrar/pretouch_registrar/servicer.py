@@ -31,6 +31,7 @@ from pretouch_registrar.registration import Registrar, Settings, check_samples
 
 MAX_TARGET_BYTES = 32 * 2**20
 MAX_STREAM_SCANS = 1000
+Asked = TypeVar("Asked", pb.RegisterRequest, pb.PredictScansRequest)
 Answer = TypeVar("Answer")
 _STREAM_ORDER = "Send the header first, then the target's chunks until scene_bytes or mesh_bytes are there, then scans."
 
@@ -67,7 +68,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     ) -> pb.PredictScansResponse:
         return await self._run(self._predict, request)
 
-    async def _run(self, compute: Callable[[Request], Answer], request: Request) -> Answer:
+    async def _run(self, compute: Callable[[Asked], Answer], request: Asked) -> Answer:
         known = None
         if request.WhichOneof("target") == "scene_digest":
             known = self.registrar.recall(request.scene_digest)  # one that is not known is asked for at once

@@ -27,6 +27,9 @@ from pretouch_orchestrator.rest.admission import AdmissionMiddleware
 from pretouch_orchestrator.rest.body_limit import BodyLimit
 from pretouch_orchestrator.rest.decoding import hold_creation, read_document
 from pretouch_orchestrator.rest.docs_page import render_docs_page
+from pretouch_orchestrator.rest.head import HeadAsGet
+from pretouch_orchestrator.rest.hosts import HostCheck
+from pretouch_orchestrator.rest.login import add_login_routes
 from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, Purge, ScanId, SessionId
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
 from pretouch_orchestrator.rest.tracing import TracingMiddleware
@@ -42,8 +45,18 @@ _DESCRIPTION = (
 )
 
 
-def create_rest_app(sessions: SessionManager, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> FastAPI:
-    """The application; `check` raises `Unavailable` while the store or an upstream service is not available."""
+def create_rest_app(
+    sessions: SessionManager,
+    context: ServiceContext,
+    check: Callable[[], Awaitable[None]],
+    hosts: HostCheck | None = None,
+) -> FastAPI:
+    """The application.
+
+    Args:
+        check: raises `Unavailable` while the store or an upstream service is not available.
+        hosts: names by which it may be called; None: those of the loopback interface.
+    """
     app = FastAPI(
         title="pretouch",
         description=_DESCRIPTION,
@@ -52,14 +65,16 @@ def create_rest_app(sessions: SessionManager, context: ServiceContext, check: Ca
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
     )
-    app.add_middleware(AdmissionMiddleware, context=context)
+    app.add_middleware(HeadAsGet)
+    app.add_middleware(AdmissionMiddleware, context=context, hosts=hosts or HostCheck())
     app.add_middleware(BodyLimit)
     app.add_middleware(TracingMiddleware)  # the outermost, so that the log of a request names its trace
     answer_errors_as_problems(app, context)
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
     _add_service_routes(app, context, check)
-    openapi.install_document(app, token=context.settings.token is not None)
+    add_login_routes(app, context)
+    openapi.install_document(app, token=context.token_check.required)
     return app
 
 

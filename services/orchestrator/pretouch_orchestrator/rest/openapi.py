@@ -50,9 +50,12 @@ def describe_text(media_type: str, description: str, example: str) -> dict[str, 
 
 
 def describe_responses(status: int, success: dict[str, Any], *problems: int) -> dict[int | str, dict[str, Any]]:
-    """A route's successful response, and the statuses of its problem documents."""
+    """A route's successful response, and the statuses of its problem documents.
+
+    By a foreign name every route is refused (403), and after many wrong tokens each that asks for one (429).
+    """
     described: dict[int | str, dict[str, Any]] = {status: success}
-    for code in problems:
+    for code in sorted({*problems, 403, *((429,) if 401 in problems else ())}):
         content = {"schema": _refer_to(models.Problem), "example": examples.PROBLEMS[code]}
         described[code] = {"description": _TITLES[code], "content": {PROBLEM_TYPE: content}}
     return described
@@ -65,8 +68,9 @@ def describe_creation_body() -> dict[str, Any]:
         "depth": {
             "type": "string",
             "format": "binary",
-            "description": "Depth along the camera's optical axis in units of `camera.depth_scale`; 0 and NaN mean no "
-            "data. A 16-bit greyscale PNG, or an .npy file of uint16 or float32; h x w pixels, at most 4 million.",
+            "description": "Depth along the camera's optical axis in units of `camera.depth_scale`; 0, NaN and the "
+            "type's largest value mean no data. "
+            "A 16-bit greyscale PNG, or an .npy file of uint16 or float32; h x w pixels, at most 4 million.",
         },
         "mask": {
             "type": "string",

@@ -84,4 +84,5 @@ def answer_errors_as_problems(app: FastAPI, context: ServiceContext) -> None:
 def _find_allowed_methods(request: Request) -> str:
     """The methods of all routes at the request's path; the framework's own error names only those of the first."""
     routes = [route for route in request.app.routes if route.matches(request.scope)[0] is not Match.NONE]
-    return ", ".join(sorted({method for route in routes for method in getattr(route, "methods", ())}))
+    methods = {method for route in routes for method in getattr(route, "methods", ())}
+    return ", ".join(sorted(methods | ({"HEAD"} if "GET" in methods else set())))

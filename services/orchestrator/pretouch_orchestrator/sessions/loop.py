@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import structlog
@@ -16,11 +16,10 @@ from pretouch.errors import RefusedForSize, TooLarge, Unavailable, problem
 from pretouch.estimate import Estimate, from_prior
 from pretouch.exhaustion import Exhaustion
 from pretouch.scan_prediction import Candidate
-from pretouch.scene import Scene
 from pretouch.session import GatewaySpan, Planner, Points, Region, ScanPlan, SessionRequest, Skipped, State, Submission
+from pretouch.session_warning import merge_warnings
 from pretouch.tof import RangeSamples, Scan
-from pretouch_orchestrator.perception.clusters import find_specks
-from pretouch_orchestrator.perception.segmentation import find_object
+from pretouch_orchestrator.perception.preparation import estimate_preparation, prepare_scene
 from pretouch_orchestrator.planning.candidates import CandidatePath
 from pretouch_orchestrator.planning.planner import Option
 from pretouch_orchestrator.sessions.budget import find_limit, select_affordable
@@ -34,6 +33,7 @@ from pretouch_orchestrator.sessions.transitions import (
     choose_unpredicted,
     drop_faulty_modules,
     get_pending_plan,
+    inspect_submission,
     is_predicted,
     plan_nearby,
     plan_over_object,
@@ -42,19 +42,13 @@ from pretouch_orchestrator.sessions.transitions import (
     shortlist_options,
     skip_scan,
     update_regions,
+    warn_of_faults,
 )
 from pretouch_orchestrator.upstream.interfaces import Detector, Gateway, Registrar
 
 T = TypeVar("T")
 _log = structlog.get_logger()
-_CROP_MARGIN = 0.14
-"""m around the object that the crop keeps, besides three standard deviations of the prior."""
 _MAX_REGIONS = 12
-_MAX_PIXELS, _MAX_OBJECT_PIXELS = 1_000_000, 100_000
-"""Pixels that a session keeps of an image, and of the object: of more, every second one in each direction, or every
-third, and so on. The registrar registers no more of an object in any case."""
-_BYTES_A_PIXEL, _BYTES_OF_AN_IMAGE = 600, 8
-"""Memory for perception in a pixel that is kept, and for what a pixel that is sent needs until then."""
 MAX_SAMPLES = 400_000
 """Samples of all scans of a session: those that one call to the registrar may hold."""
 
@@ -68,6 +62,14 @@ class RunInThread(Protocol):
 async def run_here(fn: Callable[..., T], *args: Any, memory: int = 0) -> T:
     """Runs `fn(*args)` at once, in a program that has nothing else to do."""
     return fn(*args)
+
+
+class _Registered(NamedTuple):
+    """A scan without the samples of faulty modules, the estimate with it, and what is wrong with those, or ""."""
+
+    scan: Scan
+    estimate: Estimate
+    faults: str
 
 
 class Loop:
@@ -101,11 +103,11 @@ class Loop:
             mask: (h, w), True on the object; None: the object is segmented.
 
         Raises:
-            InvalidInput: no depth, no object, no table, or a mask or roi that does not fit.
+            InvalidInput: no depth, no object, no table, a mask or roi that does not fit, or what cannot be.
             PretouchError: what the detector or the registrar raised.
         """
         memory = estimate_preparation(depth.metres.size)
-        scene, origin = await self._run(prepare_scene, request, depth, mask, memory=memory)
+        scene, origin, warnings = await self._run(prepare_scene, request, depth, mask, memory=memory)
         step = round(request.camera.fx / scene.camera.fx)
         seed = zlib.crc32(scene.depth.metres.tobytes())
         proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)
@@ -119,7 +121,8 @@ class Loop:
             )
             for k, region in enumerate(proposed[:_MAX_REGIONS], start=1)
         )
-        return await self._plan_or_end(Record(id, created, request, scene, origin, proposer, regions, estimate))
+        record = Record(id, created, request, scene, origin, proposer, regions, estimate, warnings=warnings)
+        return await self._plan_or_end(record)
 
     async def advance(self, record: Record, scan_id: str, submission: Submission) -> Record:
         """The session after its planned scan was answered; `record` itself if `scan_id` was answered before.
@@ -131,7 +134,7 @@ class Loop:
         Raises:
             Conflict: the session has ended.
             NotFound: no such scan is planned.
-            InvalidInput: the scan is empty or does not fit the sensor; the session is unchanged.
+            InvalidInput: the scan is empty, does not fit the sensor or cannot be of the plan; the session is unchanged.
             PretouchError: what the registrar or the gateway raised; the session is unchanged.
         """
         if scan_id in record.answered:
@@ -149,8 +152,11 @@ class Loop:
             submission = complete_from_gateway(record, submission, fetched)
         else:
             submission = complete_with_rest(record, submission)
-        scan, estimate = await self._register(record, submission)
+        warnings = await self._run(inspect_submission, record, plan, submission)
+        scan, estimate, faults = await self._register(record, submission)
         after = await self._run(apply_scan, record, plan, submission, scan, estimate)
+        warnings += warn_of_faults(plan, faults)
+        after = replace(after, warnings=merge_warnings(record.warnings, warnings))
         if record.estimate.sensor_problem and estimate.sensor_problem:
             return exhaust_session(after, Exhaustion.SENSOR)
         return await self._plan_or_end(after)
@@ -161,14 +167,14 @@ class Loop:
         Raises:
             PretouchError: what the registrar raised.
         """
-        _, estimate = await self._register(record, record.told_samples)
+        estimate = (await self._register(record, record.told_samples)).estimate
         return Assessment.of(record, estimate)
 
-    async def _register(self, record: Record, submission: RangeSamples | Points) -> tuple[Scan, Estimate]:
-        """The scan without the samples of faulty modules, and the estimate from all scans, this one included."""
+    async def _register(self, record: Record, submission: RangeSamples | Points) -> _Registered:
+        """Registers all scans, this one included, without the samples of faulty modules."""
         kept, faults = await self._run(drop_faulty_modules, record, submission)
         if faults and isinstance(kept, RangeSamples) and len(kept) == 0:
-            return Scan.concatenate([]), replace(record.estimate, sensor_problem=faults)
+            return _Registered(Scan.concatenate([]), replace(record.estimate, sensor_problem=faults), faults)
         if faults:
             _log.warning("modules of the sensor are left out", session=record.id, problem=faults)
         scan = scan_from_submission(record, kept)
@@ -179,9 +185,10 @@ class Loop:
             )
         scans = replace(record, measured=(*record.measured, scan)).registrable_scans
         if not scans:
-            return scan, record.estimate
+            return _Registered(scan, record.estimate, faults)
         request = record.request
-        return scan, await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+        estimate = await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+        return _Registered(scan, estimate, faults)
 
     async def fetch_samples(self, span: GatewaySpan) -> RangeSamples:
         """The gateway's samples of the span; raises what the gateway raised, and `Unavailable` where there is none."""
@@ -247,38 +254,3 @@ class Loop:
             for candidate, predictions in zip(candidates, predicted, strict=True)
             for span, prediction in zip(candidate.spans, predictions, strict=True)
         ]
-
-
-def prepare_scene(
-    request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
-) -> tuple[Scene, tuple[int, int]]:
-    """The client's view cropped to the object's surroundings, without specks, and the crop's first pixel (u0, v0).
-
-    An image of more than a megapixel is subsampled first, and a large object once more.
-    """
-    step = _choose_step(depth.metres.size / _MAX_PIXELS)
-    camera, roi = request.camera, request.roi
-    if step > 1 and (mask is None or mask.shape == depth.metres.shape):
-        depth, camera = DepthImage(depth.metres[::step, ::step]), camera.subsampled(step)
-        mask = None if mask is None else mask[::step, ::step]
-        roi = None if roi is None else (roi[0] // step, roi[1] // step, -(-roi[2] // step), -(-roi[3] // step))
-    whole = find_object(depth, camera, request.base_T_camera, roi, mask, request.table)
-    prior = request.prior
-    scene, origin = whole.cropped(
-        _CROP_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))
-    )
-    metres = scene.depth.metres
-    cleaned = np.where(find_specks(metres, scene.camera.fx) & ~scene.mask, 0, metres)
-    scene = replace(scene, depth=DepthImage(cleaned))
-    coarser = _choose_step(scene.mask.sum() / _MAX_OBJECT_PIXELS)
-    return scene.subsampled(coarser), (step * origin[0], step * origin[1])
-
-
-def _choose_step(ratio: float) -> int:
-    """The step that leaves one pixel of `ratio` pixels, or fewer."""
-    return max(1, int(np.ceil(np.sqrt(ratio))))
-
-
-def estimate_preparation(pixels: int) -> int:
-    """Bytes that `prepare_scene` needs at its peak for an image of so many pixels."""
-    return _BYTES_A_PIXEL * min(pixels, _MAX_PIXELS) + _BYTES_OF_AN_IMAGE * pixels

@@ -13,6 +13,7 @@ from pretouch.geometry import Array, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, Session, SessionRequest, State
+from pretouch.session_warning import SessionWarning
 from pretouch.tof import RangeSamples, Scan
 
 
@@ -30,6 +31,7 @@ class Record:
         told: samples of `next_scan` that were told while the robot moves, in the order in which they were told.
         answered: ids of the scans that the client has submitted or skipped.
         reason: a problem document, set when the session is exhausted or failed.
+        warnings: what is legal but odd about the input so far.
         version: that of the state in the store from which the record was derived; 0: it was not stored yet.
     """
 
@@ -50,6 +52,7 @@ class Record:
     answered: tuple[str, ...] = ()
     budget_used: BudgetUsed = field(default_factory=BudgetUsed)
     reason: dict[str, Any] | None = None
+    warnings: tuple[SessionWarning, ...] = ()
     version: int = 0
 
     @property
@@ -99,4 +102,6 @@ class Record:
             budget_used=self.budget_used,
             base_T_object=base_T_object,
             reason=self.reason,
+            warnings=self.warnings,
+            table=self.scene.table,
         )

@@ -150,5 +150,6 @@ def record_from_columns(columns: RecordColumns, known: Record | None) -> Record:
         answered=tuple(json.loads(row["answered"])),
         budget_used=view.budget_used,
         reason=view.reason,
+        warnings=view.warnings,
         version=row["version"],
     )
