@@ -20,6 +20,8 @@ _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_PIXELS = 4_000_000
 MAX_DEPTH = 10_000.0
 """m; more is a wrong scale."""
+DEFAULT_DEPTH_SCALE = {np.dtype(np.uint16): 0.001, np.dtype(np.float32): 1.0}
+"""m of one stored unit of each type of depth image, where nothing is said about it."""
 _MAX_PNG_CHUNKS = 10_000  # libpng writes an image of MAX_PIXELS in about a thousand
 _SHORTEST_FOCAL_LENGTH, _LARGEST_INTRINSIC = 0.01, 1e6  # pixels
 
@@ -74,6 +76,10 @@ class Camera:
         """The camera of an image whose first pixel was (u0, v0)."""
         return Camera(self.fx, self.fy, self.cx - u0, self.cy - v0)
 
+    def subsampled(self, step: int) -> Camera:
+        """The camera of an image of every `step`-th pixel in each direction, the first one kept."""
+        return Camera(self.fx / step, self.fy / step, self.cx / step, self.cy / step)
+
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
@@ -82,9 +88,11 @@ class DepthImage:
     Attributes:
         metres: (h, w) float32, z along the optical axis; 0 where there is no data. NaN, infinite and negative values
             given become 0.
+        scale: m of one stored unit of the image that was sent, for what is said about it; 1 for metres.
     """
 
     metres: NDArray[np.float32]
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
         values = np.asarray(self.metres)
@@ -101,28 +109,38 @@ class DepthImage:
         metres[~(np.isfinite(metres) & (metres > 0))] = 0.0
         if metres.max() > MAX_DEPTH:
             raise InvalidInput(
-                f"The depth image holds {metres.max():g} m; the limit is {MAX_DEPTH:g} m.",
-                "Check camera.depth_scale, and send 0 or NaN where there is no data.",
+                f"The depth image holds {metres.max():g} m; the limit is {MAX_DEPTH:g} m. Its median is "
+                f"{np.median(metres[metres > 0]):.3g} m with depth_scale {self.scale:g}.",
+                "Check camera.depth_scale and the order of bytes, and send 0 or NaN where there is no data.",
             )
         metres.setflags(write=False)
         object.__setattr__(self, "metres", metres)
 
     @staticmethod
-    def from_values(values: NDArray[np.generic], depth_scale: float) -> DepthImage:
+    def from_values(values: NDArray[np.generic], depth_scale: float | None = None) -> DepthImage:
         """From stored values (h, w), uint16 or float32; metres = value x depth_scale.
+
+        The largest value of the type means no data, as 0 does.
+
+        Args:
+            depth_scale: m; None: DEFAULT_DEPTH_SCALE.
 
         Raises:
             InvalidInput: another type, or a scale that is not positive.
         """
-        scale = float(frozen_array(depth_scale, (), "camera.depth_scale"))
-        if scale <= 0:
-            raise InvalidInput(f"camera.depth_scale is {scale:g}.", "Send the metres that one stored unit stands for.")
-        if values.dtype not in (np.uint16, np.float32):
+        if values.dtype not in DEFAULT_DEPTH_SCALE:
             raise InvalidInput(
                 f"The depth image holds {values.dtype} values.", "Send uint16 or float32 values and camera.depth_scale."
             )
+        if depth_scale is None:
+            depth_scale = DEFAULT_DEPTH_SCALE[values.dtype]
+        scale = float(frozen_array(depth_scale, (), "camera.depth_scale"))
+        if scale <= 0:
+            raise InvalidInput(f"camera.depth_scale is {scale:g}.", "Send the metres that one stored unit stands for.")
+        largest = np.iinfo(np.uint16).max if values.dtype == np.uint16 else np.finfo(np.float32).max
         with np.errstate(over="ignore", invalid="ignore"):
-            return DepthImage((values.astype(np.float64) * scale).astype(np.float32))
+            metres = (values.astype(np.float64) * scale).astype(np.float32)
+        return DepthImage(np.where(values == largest, np.float32(0), metres), scale)
 
     @property
     def height(self) -> int:
@@ -140,6 +158,14 @@ def kinect_depth_std(z: ArrayLike) -> Array:
     2012.
     """
     return np.asarray(0.0012 + 0.0019 * (np.asarray(z, dtype=np.float64) - 0.4) ** 2, dtype=np.float64)
+
+
+def count_pixels(data: bytes) -> int:
+    """How many pixels a PNG says that it has, at most MAX_PIXELS; 0 for anything else."""
+    if not (data.startswith(_PNG_SIGNATURE) and len(data) >= 24):
+        return 0
+    width, height = struct.unpack(">II", data[16:24])
+    return min(int(width * height), MAX_PIXELS)
 
 
 def decode_depth(data: bytes) -> NDArray[np.generic]:

@@ -116,13 +116,27 @@ def _serve(
     max_queue: Annotated[
         int, typer.Option(envvar="PRETOUCH_MAX_QUEUE", help="CPU jobs that may wait; more are refused.")
     ] = 16,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            envvar="PRETOUCH_MEMORY",
+            help="Memory that the process may use, such as 800M or 2G.",
+            show_default="half of the machine's or the container's",
+        ),
+    ] = None,
     grace: Annotated[
         float, typer.Option(envvar="PRETOUCH_GRACE", help="Seconds that running calls get at shutdown.")
     ] = 5.0,
     log_level: LogLevel = "info",
+    watched: Annotated[
+        bool, typer.Option("--watched", help="Serve in a child process that is restarted when it hangs or ends.")
+    ] = False,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
+    health_socket: Annotated[Path | None, typer.Option(hidden=True)] = None,
 ) -> None:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy reads it: they would be beside our own
     from pretouch.serving import Settings, serve
+    from pretouch.serving.memory import choose_default_memory, parse_bytes
 
     name = str(context.info_name)
     settings = Settings(
@@ -137,14 +151,29 @@ def _serve(
         tls_client_ca=tls_client_ca,
         workers=workers,
         max_queue=max_queue,
+        memory=parse_bytes(memory) if memory else choose_default_memory(),
         grace=grace,
         log_level=log_level,
+        health_socket=health_socket,
     )
+    if watched:
+        from pretouch.serving.watched import serve_watched
+
+        asyncio.run(serve_watched(name, settings, os.environ | _as_environment(context)))
+        return
     (service,) = entry_points(group="pretouch.services", name=name)
     try:
         asyncio.run(serve(name, service.load(), settings, until_stdin_closes=until_stdin_closes))
     except ModuleNotFoundError as error:
         raise _explain_missing(error, f"The {name}", name) from error
+
+
+def _as_environment(context: typer.Context) -> dict[str, str]:
+    """The command's options as the environment variables that say the same; a token is then in no list of processes."""
+    values = {
+        str(option.envvar): context.params[str(option.name)] for option in context.command.params if option.envvar
+    }
+    return {name: str(value) for name, value in values.items() if value is not None}
 
 
 def _up(

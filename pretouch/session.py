@@ -11,11 +11,14 @@ from pretouch.errors import InvalidInput, TooLarge
 from pretouch.estimate import Estimate, Prior
 from pretouch.geometry import MAX_DISTANCE, Array, Plane, Pose, frozen_array
 from pretouch.rectangle import RotatedRectangle
+from pretouch.session_warning import SessionWarning
 from pretouch.tof import MAX_SAMPLES, MAX_TIME, RangeSamples, Sensor
 from pretouch.trajectory import Trajectory
 
 MIN_SPEED = 1e-6
 """m/s; a slower scan would not end."""
+_MAX_SIDE = 100_000
+"""px: longest side of an image that intrinsics are made for."""
 
 
 class State(StrEnum):
@@ -125,7 +128,10 @@ class SessionRequest:
         camera: intrinsics of the depth image.
         base_T_camera: extrinsics as the client believes them: the camera in base; the camera frame has x right, y down,
             z forward.
-        depth_scale: metres that one stored unit of the depth image stands for.
+        depth_scale: metres that one stored unit of the depth image stands for; left out: 0.001 for integers, 1 for
+            floats.
+        width: number of columns of the image that the intrinsics were made for, in pixels; left out: not checked.
+        height: number of rows of the image that the intrinsics were made for, in pixels; left out: not checked.
         roi: [u0, v0, u1, v1] in pixels, half-open: the part of the image to look in; with a mask, their intersection.
         table: the table in base, as the camera puts it, offset in metres; left out: estimated from the depth image.
         base_T_object: pose of the object in base, as the camera puts it, which the estimate then holds corrected.
@@ -144,7 +150,9 @@ class SessionRequest:
 
     camera: Camera
     base_T_camera: Pose
-    depth_scale: float = 0.001
+    depth_scale: float | None = None
+    width: int | None = None
+    height: int | None = None
     roi: tuple[int, int, int, int] | None = None
     table: Plane | None = None
     base_T_object: Pose | None = None
@@ -157,7 +165,11 @@ class SessionRequest:
     planner: Planner = Planner.INFORMATION
 
     def __post_init__(self) -> None:
-        _positive(self, "camera", {"depth_scale": 1000.0})
+        if self.depth_scale is not None:
+            _positive(self, "camera", {"depth_scale": 1000.0})
+        for name in ("width", "height"):
+            if (size := getattr(self, name)) is not None and not 1 <= size <= _MAX_SIDE:
+                raise InvalidInput(f"camera.{name} is {size}.", f"Need a whole number from 1 to {_MAX_SIDE}.")
         if self.roi is not None:
             u0, v0, u1, v1 = self.roi
             if not (0 <= u0 < u1 and 0 <= v0 < v1):
@@ -392,6 +404,8 @@ class Session:
         base_T_object: the corrected pose of the object in base, if the client gave one to correct.
         reason: why the session is exhausted or failed: a problem document (RFC 9457). The type of an exhausted one ends
             in scans, seconds, fraction, nothing-to-gain, out-of-range, misfit or sensor.
+        warnings: what is legal but odd about the input, at most one of each kind.
+        table: the table in base that was given or found, as the camera puts it, offset in metres.
     """
 
     id: str
@@ -405,3 +419,5 @@ class Session:
     budget_used: BudgetUsed = field(default_factory=BudgetUsed)
     base_T_object: Pose | None = None
     reason: dict[str, Any] | None = None
+    warnings: tuple[SessionWarning, ...] = ()
+    table: Plane | None = None

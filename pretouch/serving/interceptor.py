@@ -14,15 +14,31 @@ from urllib.parse import unquote
 import grpc
 import grpc.aio
 import structlog
+from google.protobuf.message import DecodeError
 
-from pretouch.channel import SCAN_ID_METADATA, SESSION_ID_METADATA
-from pretouch.errors import PROBLEM_METADATA_KEY, Internal, Overloaded, PretouchError, problem, wire_of
+from pretouch.channel import MESSAGE_LIMIT, SCAN_ID_METADATA, SESSION_ID_METADATA
+from pretouch.errors import (
+    PROBLEM_METADATA_KEY,
+    DeadlineExceeded,
+    Internal,
+    InvalidInput,
+    Malformed,
+    Overloaded,
+    PretouchError,
+    problem,
+    wire_of,
+)
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.caller import Caller, forbid_change, set_caller
 from pretouch.serving.context import ServiceContext
+from pretouch.tracing import server_span
 
 _HEALTH = "/grpc.health.v1.Health/"
 _DETAIL_LENGTH, _MESSAGE_LENGTH = 800, 150  # characters; gRPC refuses metadata beyond 8 KiB, however it is encoded
+_COPIES_READ, _COPIES_HELD = 3, 2
+"""How often a message is in memory while it is parsed (gRPC's buffers, bytes, message), and while it is worked on."""
+_PATIENCE, _READ_WITHIN = 5.0, 20.0  # s
+_FAILURES = (grpc.StatusCode.INTERNAL, grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
 _LOGGED_IDS = ((SESSION_ID_METADATA, "session"), (SCAN_ID_METADATA, "scan"))
 
 
@@ -52,40 +68,49 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         return self._surround(handler, details.method.removeprefix("/"), caller or Caller())
 
     def _surround(self, handler: Any, method: str, caller: Caller) -> Any:
+        """Takes every kind of call as a stream of requests: a single one is then read once there is memory for it."""
         kinds = ("unary_unary", "unary_stream") if not handler.request_streaming else ("stream_unary", "stream_stream")
-        kind = kinds[bool(handler.response_streaming)]
-        behaviour = getattr(handler, kind)
+        behaviour = getattr(handler, kinds[bool(handler.response_streaming)])
+        read = _pass_on if handler.request_streaming else self._read_single
 
-        async def single_answer(request: Any, context: grpc.aio.ServicerContext) -> Any:
-            async with self._around(method, caller, context, self._service.settings.deadline):
-                return await behaviour(_checked(request), context)
+        async def single_answer(requests: AsyncIterator[Any], context: grpc.aio.ServicerContext) -> Any:
+            deadline = self._service.settings.deadline
+            async with self._around(method, caller, context, deadline), read(requests) as request:
+                return await behaviour(request, context)
 
-        async def many_answers(request: Any, context: grpc.aio.ServicerContext) -> AsyncIterator[Any]:
-            async with self._around(method, caller, context, None):
-                answers = behaviour(_checked(request), context)
+        async def many_answers(requests: AsyncIterator[Any], context: grpc.aio.ServicerContext) -> AsyncIterator[Any]:
+            async with self._around(method, caller, context, None), read(requests) as request:
+                answers = behaviour(request, context)
                 if inspect.isawaitable(answers):  # a handler that calls context.write itself
                     await answers
                     return
                 async for answer in answers:
                     yield answer
 
-        def deserialize(raw: bytes) -> Any:
-            """The request, or the error for one that there is no memory for: one raised here would not be told."""
-            try:
-                taken = self._service.held.take(len(raw))
-            except Overloaded as refusal:
-                return refusal
-            task = cast("asyncio.Task[Any]", asyncio.current_task())
-            task.add_done_callback(lambda _: self._service.held.free(taken))
-            return handler.request_deserializer(raw)
-
-        single = not handler.request_streaming and handler.request_deserializer is not None
+        kind = "stream_stream" if handler.response_streaming else "stream_unary"
         wrap = getattr(grpc, f"{kind}_rpc_method_handler")
         return wrap(
             many_answers if handler.response_streaming else single_answer,
-            request_deserializer=deserialize if single else handler.request_deserializer,
+            request_deserializer=handler.request_deserializer,
             response_serializer=handler.response_serializer,
         )
+
+    @asynccontextmanager
+    async def _read_single(self, requests: AsyncIterator[Any]) -> AsyncIterator[Any]:
+        """The call's only request, with memory for it for as long as the block lasts."""
+        budget = self._service.messages
+        async with budget.reserve(min(_COPIES_READ * MESSAGE_LIMIT, budget.limit), _PATIENCE) as held:
+            try:
+                async with asyncio.timeout(_READ_WITHIN):
+                    request = await anext(requests, None)
+            except TimeoutError as error:
+                raise DeadlineExceeded(
+                    f"The request did not arrive within {_READ_WITHIN:g} s.", "Send it without pausing."
+                ) from error
+            if request is None:
+                raise InvalidInput("The call has no request.", "Send one message.")
+            held.shrink(_COPIES_HELD * request.ByteSize())
+            yield request
 
     @asynccontextmanager
     async def _around(
@@ -98,12 +123,14 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         began = time.perf_counter()
         code = grpc.StatusCode.OK
         with (
+            server_span(method, metadata, {"rpc.system": "grpc", "rpc.method": method} | ids) as span,
             structlog.contextvars.bound_contextvars(**ids),
             metrics.calls_in_flight.track_inprogress(),
             self._admission.track_call(),
         ):
             try:
-                async with self._admission.limit_duration(deadline if context.time_remaining() is None else None):
+                remaining = context.time_remaining()  # the client's own deadline, at which it stops listening
+                async with self._admission.limit_duration(deadline if remaining is None else max(remaining, 0.0)):
                     yield
             except (asyncio.CancelledError, GeneratorExit):
                 code = grpc.StatusCode.CANCELLED
@@ -117,12 +144,17 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
                 await _abort(context, error)
             finally:
                 seconds = time.perf_counter() - began
+                span.end_with({"rpc.grpc.status_code": code.value[0]}, failed=code in _FAILURES)
                 metrics.calls.labels(method, code.name).inc()
                 metrics.call_seconds.labels(method).observe(seconds)
                 self._service.log.info("call", method=method, code=code.name, seconds=round(seconds, 6))
 
     def _log_unless_known(self, method: str, caught: Exception) -> PretouchError:
         """`caught` itself if it may cross the wire; any other goes to the log with its trace."""
+        if isinstance(caught, MemoryError):
+            return Overloaded("The service has run out of memory.", "Try again shortly, or ask for less.")
+        if isinstance(caught, DecodeError):
+            return Malformed("The request's bytes are no message of its type.", "Send it as .proto says.")
         if isinstance(caught, PretouchError) and not isinstance(caught, Internal):
             return caught
         self._service.log.error("a call met a defect", method=method, exc_info=caught)
@@ -134,14 +166,14 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         )
 
 
+@asynccontextmanager
+async def _pass_on(requests: AsyncIterator[Any]) -> AsyncIterator[Any]:
+    """The stream itself: its messages are small, and its handler reads them one by one."""
+    yield requests
+
+
 def _texts(metadata: Iterable[tuple[str, Any]] | None) -> dict[str, str]:
     return {key: value for key, value in metadata or () if isinstance(value, str)}
-
-
-def _checked(request: Any) -> Any:
-    if isinstance(request, PretouchError):
-        raise request
-    return request
 
 
 def _only_reads(method: str) -> bool:

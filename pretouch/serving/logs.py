@@ -8,6 +8,7 @@ import sys
 import structlog
 
 from pretouch.serving.log_limits import RepeatFilter, shorten_values
+from pretouch.tracing import current_ids
 
 
 def configure_logs(service: str, level: str) -> None:
@@ -17,9 +18,14 @@ def configure_logs(service: str, level: str) -> None:
         event["service"] = service
         return event
 
+    def add_trace(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+        event.update(current_ids())
+        return event
+
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         name_service,
+        add_trace,
         structlog.stdlib.add_log_level,
         structlog.stdlib.add_logger_name,
         structlog.processors.TimeStamper(fmt="iso", utc=True),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
@@ -99,6 +98,7 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
         stack.push_async_callback(server.stop, None)
         await server.start()
         services = await stack.enter_async_context(running(cast(grpc.aio.Server, registry), context))
+        context.share_memory()
         names = (*services, health.SERVICE_NAME, reflection.SERVICE_NAME)
         reflection_pb2_grpc.add_ServerReflectionServicer_to_server(reflection.aio.ReflectionServicer(names), registry)
         admission.open()
@@ -118,6 +118,8 @@ def _bind(server: grpc.aio.Server, settings: Settings) -> int:
     credentials = None
     if settings.tls_cert is not None and settings.tls_key is not None:
         credentials = server_credentials(settings.tls_cert, settings.tls_key, settings.tls_client_ca)
+    if settings.health_socket is not None:
+        server.add_insecure_port(f"unix:{settings.health_socket}")
     try:
         if credentials is None:
             return int(server.add_insecure_port(address))
@@ -133,7 +135,7 @@ def _serve_metrics(stack: AsyncExitStack, context: ServiceContext, settings: Set
         server = MetricsServer(context.metrics.registry, settings, context.token_check)
     except OSError as error:
         raise _cannot_listen(settings.address(settings.metrics_port)) from error
-    stack.push_async_callback(asyncio.to_thread, server.close)
+    stack.push_async_callback(context.run_briefly, server.close)
     return server.port
 
 

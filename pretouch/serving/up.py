@@ -6,7 +6,6 @@ import asyncio
 import logging
 import os
 import secrets
-import signal
 import socket
 import sys
 from collections.abc import Callable, Sequence
@@ -18,14 +17,15 @@ from typing import Any
 
 from pretouch.errors import DeadlineExceeded, InvalidInput
 from pretouch.results import check_folder
-from pretouch.serving.child import Child
+from pretouch.serving.child import READY_WITHIN, Child, serve_command
 from pretouch.serving.logs import configure_logs
-from pretouch.serving.process import call_when_stdin_closes
+from pretouch.serving.memory import find_total_memory
+from pretouch.serving.probing import PATIENT, Probing
+from pretouch.serving.process import ended_by_signals
 from pretouch.serving.settings import Settings
 from pretouch.serving.tokens import read_tokens
 from pretouch.tls import server_credentials
 
-_READY_WITHIN = 300.0  # s; a first start may compile the registrar's kernels
 _NOT_FOR_CHILDREN = {
     f"PRETOUCH_{option}"
     for option in (
@@ -52,6 +52,7 @@ class Stack:
         rest_port, gateway_port: 0 for free ones.
         state: directory of the orchestrator's sessions.
         devices: `name=port` of each serial device, for the gateway.
+        probing: how it is found out that a service hangs.
 
     Raises:
         InvalidInput: an invalid port or device.
@@ -62,6 +63,7 @@ class Stack:
     gateway_port: int
     state: Path
     devices: Sequence[str] = ()
+    probing: Probing = PATIENT
 
     def __post_init__(self) -> None:
         ports = {"REST": self.rest_port, "gRPC": self.settings.port, "the gateway": self.gateway_port}
@@ -98,34 +100,16 @@ async def up(stack: Stack, announce: Callable[[str], None], *, until_stdin_close
         read_tokens(outer.tokens_file)
     check_folder(stack.state)
     configure_logs("up", outer.log_level)
-    task = asyncio.current_task()
-    assert task is not None
-    stopping = False
-
-    def stop() -> None:
-        nonlocal stopping
-        if not stopping:
-            stopping = True
-            task.cancel()
-
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop)
-    if until_stdin_closes:
-        call_when_stdin_closes(stop)
     children: list[Child] = []
     try:
-        async with asyncio.timeout(_READY_WITHIN):
-            line = await _start(stack, children)
-        announce(line)
-        await asyncio.Event().wait()
-    except asyncio.CancelledError:
-        if not stopping:
-            raise
-        task.uncancel()
+        async with ended_by_signals(until_stdin_closes=until_stdin_closes):
+            async with asyncio.timeout(READY_WITHIN):
+                line = await _start(stack, children)
+            announce(line)
+            await asyncio.Event().wait()
     except TimeoutError as error:
         raise DeadlineExceeded(
-            f"The services were not ready after {_READY_WITHIN:g} s.", "Try again with --log-level info and see why."
+            f"The services were not ready after {READY_WITHIN:g} s.", "Try again with --log-level info and see why."
         ) from error
     finally:
         while children:  # the orchestrator first: it calls the others
@@ -137,11 +121,14 @@ async def _start(stack: Stack, children: list[Child]) -> str:
     """Starts the children, each as soon as what it needs is there; the ready line."""
     common = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
     common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core logs every peer that leaves, in its own format
+    common.setdefault("PRETOUCH_MEMORY", str(find_total_memory() // 4))
     common["PRETOUCH_LOG_LEVEL"] = "debug" if stack.settings.log_level == "debug" else "info"
     common |= _pass_tokens_on(stack.settings)
 
     def start(name: str, host: str, port: int, own: dict[str, str]) -> Child:
-        child = Child(name, host, port, common | own, _forward(stack.settings.log_level))
+        command = serve_command(name, "--host", host)
+        forward = _forward(stack.settings.log_level)
+        child = Child(name, command, port, common | own, forward, probing=stack.probing)
         children.append(child)
         return child
 

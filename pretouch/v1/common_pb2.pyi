@@ -185,7 +185,9 @@ class Scene(_message.Message):
     """Metres that one stored unit of `depth` stands for; 1 if the values are metres."""
     @_builtins.property
     def depth(self) -> Global___Array:
-        """h x w, FLOAT32 or UINT16: depth along the camera's optical axis, in units of `depth_scale`; 0 and NaN mean no data."""
+        """h x w, FLOAT32 or UINT16: depth along the camera's optical axis, in units of `depth_scale`; 0, NaN and the type's
+        largest value mean no data.
+        """
 
     @_builtins.property
     def camera(self) -> Global___Camera:

@@ -233,14 +233,20 @@ class CreateSessionRequest(_message.Message):
     PROPOSER_FIELD_NUMBER: _builtins.int
     PLANNER_FIELD_NUMBER: _builtins.int
     IDEMPOTENCY_KEY_FIELD_NUMBER: _builtins.int
+    WIDTH_FIELD_NUMBER: _builtins.int
+    HEIGHT_FIELD_NUMBER: _builtins.int
     depth_scale: _builtins.float
-    """Metres that one stored unit of the depth image stands for. Left out: 0.001."""
+    """Metres that one stored unit of the depth image stands for; left out: 0.001 for integers, 1 for floats."""
     proposer: _builtins.str
     """A name that `DetectorService.ListProposers` lists, such as "deep"; empty: the best proposer that is ready."""
     planner: _builtins.str
     """"information" or "confidence"; empty: "information"."""
     idempotency_key: _builtins.str
     """A repeated key returns the session that the first call created; empty: no key."""
+    width: _builtins.int
+    """Number of columns of the image that the intrinsics were made for, in pixels; left out: not checked."""
+    height: _builtins.int
+    """Number of rows of the image that the intrinsics were made for, in pixels; left out: not checked."""
     @_builtins.property
     def camera(self) -> _common_pb2.Camera:
         """Intrinsics of the depth image."""
@@ -251,7 +257,9 @@ class CreateSessionRequest(_message.Message):
 
     @_builtins.property
     def depth(self) -> _common_pb2.Array:
-        """h x w, UINT16 or FLOAT32: depth along the camera's optical axis, in units of `depth_scale`; 0 and NaN mean no data."""
+        """h x w, UINT16 or FLOAT32: depth along the camera's optical axis, in units of `depth_scale`; 0, NaN and the type's
+        largest value mean no data.
+        """
 
     @_builtins.property
     def mask(self) -> _common_pb2.Array:
@@ -308,14 +316,25 @@ class CreateSessionRequest(_message.Message):
         proposer: _builtins.str = ...,
         planner: _builtins.str = ...,
         idempotency_key: _builtins.str = ...,
+        width: _builtins.int | None = ...,
+        height: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "mask", b"mask", "prior", b"prior", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "mask", b"mask", "prior", b"prior", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "idempotency_key", b"idempotency_key", "mask", b"mask", "planner", b"planner", "prior", b"prior", "proposer", b"proposer", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "idempotency_key", b"idempotency_key", "mask", b"mask", "planner", b"planner", "prior", b"prior", "proposer", b"proposer", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__depth_scale: _TypeAlias = _typing.Literal["depth_scale"]  # noqa: Y015
     _WhichOneofArgType__depth_scale: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale"]  # noqa: Y015
+    _WhichOneofReturnType__height: _TypeAlias = _typing.Literal["height"]  # noqa: Y015
+    _WhichOneofArgType__height: _TypeAlias = _typing.Literal["_height", b"_height"]  # noqa: Y015
+    _WhichOneofReturnType__width: _TypeAlias = _typing.Literal["width"]  # noqa: Y015
+    _WhichOneofArgType__width: _TypeAlias = _typing.Literal["_width", b"_width"]  # noqa: Y015
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__depth_scale) -> _WhichOneofReturnType__depth_scale | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__height) -> _WhichOneofReturnType__height | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__width) -> _WhichOneofReturnType__width | None: ...
 
 Global___CreateSessionRequest: _TypeAlias = CreateSessionRequest  # noqa: Y015
 
@@ -498,6 +517,36 @@ class BudgetUsed(_message.Message):
 Global___BudgetUsed: _TypeAlias = BudgetUsed  # noqa: Y015
 
 @_typing.final
+class SessionWarning(_message.Message):
+    """Input that is legal but most often a mistake."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CODE_FIELD_NUMBER: _builtins.int
+    DETAIL_FIELD_NUMBER: _builtins.int
+    REMEDY_FIELD_NUMBER: _builtins.int
+    code: _builtins.str
+    """Name of the kind of oddity, which stays the same from release to release."""
+    detail: _builtins.str
+    """What was seen, in numbers."""
+    remedy: _builtins.str
+    """What to do if it was a mistake."""
+    def __init__(
+        self,
+        *,
+        code: _builtins.str = ...,
+        detail: _builtins.str = ...,
+        remedy: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["code", b"code", "detail", b"detail", "remedy", b"remedy"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SessionWarning: _TypeAlias = SessionWarning  # noqa: Y015
+
+@_typing.final
 class Session(_message.Message):
     """The present state of a session."""
 
@@ -514,6 +563,8 @@ class Session(_message.Message):
     SCANS_FIELD_NUMBER: _builtins.int
     BUDGET_USED_FIELD_NUMBER: _builtins.int
     BASE_T_OBJECT_FIELD_NUMBER: _builtins.int
+    WARNINGS_FIELD_NUMBER: _builtins.int
+    TABLE_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     """Name of the session."""
     state: Global___SessionState.ValueType
@@ -552,6 +603,14 @@ class Session(_message.Message):
     def base_t_object(self) -> _common_pb2.Pose:
         """The corrected pose of the object in base, if the client gave one to correct."""
 
+    @_builtins.property
+    def warnings(self) -> _containers.RepeatedCompositeFieldContainer[Global___SessionWarning]:
+        """What is legal but odd about the input, at most one of each kind."""
+
+    @_builtins.property
+    def table(self) -> _common_pb2.Plane:
+        """The table in base that was given or found, as the camera puts it, offset in metres."""
+
     def __init__(
         self,
         *,
@@ -566,10 +625,12 @@ class Session(_message.Message):
         scans: _abc.Iterable[Global___ScanSummary] | None = ...,
         budget_used: Global___BudgetUsed | None = ...,
         base_t_object: _common_pb2.Pose | None = ...,
+        warnings: _abc.Iterable[Global___SessionWarning] | None = ...,
+        table: _common_pb2.Plane | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "budget_used", b"budget_used", "estimate", b"estimate", "next_scan", b"next_scan"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "budget_used", b"budget_used", "estimate", b"estimate", "next_scan", b"next_scan", "table", b"table"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "budget_used", b"budget_used", "estimate", b"estimate", "id", b"id", "next_scan", b"next_scan", "planner", b"planner", "proposer", b"proposer", "reason", b"reason", "regions", b"regions", "scans", b"scans", "state", b"state"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "budget_used", b"budget_used", "estimate", b"estimate", "id", b"id", "next_scan", b"next_scan", "planner", b"planner", "proposer", b"proposer", "reason", b"reason", "regions", b"regions", "scans", b"scans", "state", b"state", "table", b"table", "warnings", b"warnings"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -654,20 +715,22 @@ class ListSessionsRequest(_message.Message):
     LIMIT_FIELD_NUMBER: _builtins.int
     CURSOR_FIELD_NUMBER: _builtins.int
     limit: _builtins.int
-    """Largest number of sessions on the page, at most 200; 0 means 50."""
+    """Largest number of sessions on the page, from 1 to 200. Left out: 50."""
     cursor: _builtins.str
     """`next` of the previous page; empty: the first page."""
     def __init__(
         self,
         *,
-        limit: _builtins.int = ...,
+        limit: _builtins.int | None = ...,
         cursor: _builtins.str = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_limit", b"_limit", "limit", b"limit"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["cursor", b"cursor", "limit", b"limit"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_limit", b"_limit", "cursor", b"cursor", "limit", b"limit"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__limit: _TypeAlias = _typing.Literal["limit"]  # noqa: Y015
+    _WhichOneofArgType__limit: _TypeAlias = _typing.Literal["_limit", b"_limit"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__limit) -> _WhichOneofReturnType__limit | None: ...
 
 Global___ListSessionsRequest: _TypeAlias = ListSessionsRequest  # noqa: Y015
 
@@ -984,16 +1047,20 @@ class CancelSessionRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
     SESSION_ID_FIELD_NUMBER: _builtins.int
+    PURGE_FIELD_NUMBER: _builtins.int
     session_id: _builtins.str
     """Name of the session."""
+    purge: _builtins.bool
+    """Whether the session is also removed, with all that is stored of it."""
     def __init__(
         self,
         *,
         session_id: _builtins.str = ...,
+        purge: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["session_id", b"session_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["purge", b"purge", "session_id", b"session_id"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -30,6 +30,7 @@ from pretouch.session import (
     State,
     Tolerance,
 )
+from pretouch.session_warning import SessionWarning
 from pretouch.tof import Sensor
 from pretouch.trajectory import Trajectory
 from pretouch.wire.json_objects import names_in_json, object_from_json, object_to_json, pose_to_json
@@ -71,6 +72,8 @@ _SETTINGS: dict[str, type] = {
     "scan": ScanSettings,
 }
 """The members of a request that are contract types of their own."""
+_OF_IMAGE = ("depth_scale", "width", "height")
+"""The members of a request that JSON has in its camera."""
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
 
@@ -80,8 +83,10 @@ def pose_from_json(value: object, path: str = "pose") -> Pose:
 
 def request_to_json(request: SessionRequest) -> dict[str, Any]:
     """The JSON part `request` of `POST /v1/sessions`; every default is spelled out."""
+    camera = object_to_json(request.camera)
+    camera |= {name: value for name in _OF_IMAGE if (value := getattr(request, name)) is not None}
     document: dict[str, Any] = {
-        "camera": object_to_json(request.camera) | {"depth_scale": request.depth_scale},
+        "camera": camera,
         "base_T_camera": pose_to_json(request.base_T_camera),
         **{name: object_to_json(getattr(request, name)) for name in _SETTINGS},
         "planner": request.planner.value,
@@ -106,10 +111,11 @@ def request_from_json(document: object) -> SessionRequest:
     """
     known = ("camera", "base_T_camera", "roi", "table", "base_T_object", *_SETTINGS, "proposer", "planner")
     members = Members(document, "", known)
-    camera = members.members("camera", (*names_in_json(Camera), "depth_scale"))
+    camera = members.members("camera", (*names_in_json(Camera), *_OF_IMAGE))
     given: dict[str, Any] = {}
     if "depth_scale" in camera:
         given["depth_scale"] = camera.number("depth_scale")
+    given |= {name: camera.integer(name) for name in ("width", "height") if name in camera}
     if "roi" in members:
         path = members.path("roi")
         roi = read_items(members.get("roi"), path, 4)
@@ -195,7 +201,10 @@ def session_to_json(session: Session) -> dict[str, Any]:
         "next_scan": None if session.next_scan is None else scan_plan_to_json(session.next_scan),
         "scans": [object_to_json(scan) for scan in session.scans],
         "budget_used": object_to_json(session.budget_used),
+        "warnings": [object_to_json(warning) for warning in session.warnings],
     }
+    if session.table is not None:
+        document["table"] = object_to_json(session.table)
     if session.reason is not None:
         document["reason"] = session.reason
     return document
@@ -222,6 +231,8 @@ def session_from_json(document: object) -> Session:
         budget_used=object_from_json(members.members("budget_used", None), BudgetUsed),
         base_T_object=estimate.pose("base_T_object") if "base_T_object" in estimate else None,
         reason=members.get("reason", None),
+        warnings=tuple(object_from_json(each, SessionWarning) for each in members.objects("warnings")),
+        table=object_from_json(members.members("table", None), Plane) if "table" in members else None,
     )
 
 

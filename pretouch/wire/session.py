@@ -33,6 +33,7 @@ from pretouch.session import (
     Telling,
     Tolerance,
 )
+from pretouch.session_warning import SessionWarning
 from pretouch.tof import RangeSamples
 from pretouch.trajectory import Trajectory
 from pretouch.v1 import common_pb2, orchestrator_pb2
@@ -62,6 +63,8 @@ def request_to_proto(
     message = pb.CreateSessionRequest(
         camera=common_pb2.Camera(**common.contract_to_proto(request.camera)),
         depth_scale=request.depth_scale,
+        width=request.width,
+        height=request.height,
         base_t_camera=common.pose_to_proto(request.base_T_camera),
         depth=common.array_to_proto(depth, "u2" if depth.dtype == np.uint16 else "f4"),
         prior=common.prior_to_proto(request.prior),
@@ -98,8 +101,9 @@ def request_from_proto(
         if not message.HasField(name):
             raise InvalidInput(f"{name} is missing.", f"Send {name}.")
     given: dict[str, Any] = {}
-    if message.HasField("depth_scale"):
-        given["depth_scale"] = message.depth_scale
+    for name in ("depth_scale", "width", "height"):
+        if message.HasField(name):
+            given[name] = getattr(message, name)
     if message.HasField("roi"):
         given["roi"] = (message.roi.u0, message.roi.v0, message.roi.u1, message.roi.v1)
     if message.HasField("table"):
@@ -169,7 +173,10 @@ def session_to_proto(session: Session) -> pb.Session:
         estimate=common.estimate_to_proto(session.estimate),
         scans=[pb.ScanSummary(**common.contract_to_proto(scan)) for scan in session.scans],
         budget_used=pb.BudgetUsed(**common.contract_to_proto(session.budget_used)),
+        warnings=[pb.SessionWarning(**common.contract_to_proto(warning)) for warning in session.warnings],
     )
+    if session.table is not None:
+        message.table.CopyFrom(common_pb2.Plane(**common.contract_to_proto(session.table)))
     if session.next_scan is not None:
         message.next_scan.CopyFrom(scan_plan_to_proto(session.next_scan))
     if session.base_T_object is not None:
@@ -200,6 +207,8 @@ def session_from_proto(message: pb.Session) -> Session:
         if message.HasField("base_t_object")
         else None,
         reason=json.loads(message.reason) if message.reason else None,
+        warnings=tuple(common.contract_from_proto(each, SessionWarning, "warning") for each in message.warnings),
+        table=common.contract_from_proto(message.table, Plane, "table") if message.HasField("table") else None,
     )
 
 

@@ -48,8 +48,8 @@ def level_base(image: OwnImage) -> Pose:
     Raises:
         InvalidInput: no depth, no table, no object, or a mask or roi that does not fit.
     """
-    scene = find_object(image.depth, image.camera, Pose.identity(), image.roi, image.mask, image.table)
-    return scene.table.frame().inverse()
+    found = find_object(image.depth, image.camera, Pose.identity(), image.roi, image.mask, image.table)
+    return found.scene.table.frame().inverse()
 
 
 def open_session(image: OwnImage) -> Record:

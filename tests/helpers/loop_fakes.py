@@ -116,5 +116,6 @@ def samples_of(record: Record) -> RangeSamples:
 
 
 def misses(n: int, span: float = 1.0) -> RangeSamples:
-    poses = np.tile(np.eye(4), (n, 1, 1))
+    """Without a return, from too far above the object."""
+    poses = np.tile(Pose.of(np.diag([1.0, -1.0, -1.0]), (0.01, 0.0, 0.3)).matrix, (n, 1, 1))
     return RangeSamples(np.linspace(0, span, n), poses, np.full(n, np.nan), np.full(n, 7), np.zeros(n, dtype=int))

@@ -21,8 +21,7 @@ from pretouch_orchestrator.rest.problems import answer_errors_as_problems
 from pretouch_orchestrator.settings import OrchestratorSettings
 from starlette.requests import Request
 
-from pretouch.serving import ServiceContext, Settings, held
-from pretouch.serving.held import HeldBytes
+from pretouch.serving import ServiceContext, Settings
 
 PATIENCE, LEAST_BYTES = 0.4, 100_000
 TIMEOUT = 20
@@ -41,7 +40,7 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 async def served(limit: int = 100) -> AsyncIterator[int]:
     """The port of a small application behind the server of REST."""
     app = FastAPI()
-    app.add_middleware(BodyLimit, held=HeldBytes())
+    app.add_middleware(BodyLimit)
 
     @app.get("/large")
     async def large() -> PlainTextResponse:
@@ -203,21 +202,3 @@ async def test_connections_that_are_all_busy_are_not_closed_for_another() -> Non
         with pytest.raises(httpx.TransportError):
             await client.get(f"http://127.0.0.1:{port}/large")
         assert (await answer.aread()) == b"beat\n" * 3
-
-
-async def test_bodies_that_are_read_at_once_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(held, "MAX_HELD", 1_000_000)
-    monkeypatch.setattr(connection, "PATIENCE", TIMEOUT)
-    head = b"POST /body HTTP/1.1\r\nHost: a\r\nContent-Length: 600000\r\n\r\n"
-    async with served() as port, httpx.AsyncClient(trust_env=False, timeout=TIMEOUT) as client:
-        url = f"http://127.0.0.1:{port}"
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(head + bytes(1000))
-        status = 0
-        while status != 429:  # the first may not have begun to be read
-            status = (await client.post(f"{url}/body", content=bytes(500_000))).status_code
-        assert (await client.post(f"{url}/body", content=bytes(1000))).text == "1000"
-        writer.write(bytes(599_000))
-        assert b"200 OK" in await reader.readline()
-        writer.close()
-        assert (await client.post(f"{url}/body", content=bytes(900_000))).text == "900000"

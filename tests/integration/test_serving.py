@@ -20,7 +20,7 @@ from helpers.serving_probe import SERVICE, Stub, running
 
 from pretouch import errors
 from pretouch.channel import MESSAGE_LIMIT, open_channel, open_sync_channel
-from pretouch.serving import ServiceContext, Settings, Started, held, started
+from pretouch.serving import ServiceContext, Settings, Started, started
 
 SERVING = health_pb2.HealthCheckResponse.SERVING
 NOT_SERVING = health_pb2.HealthCheckResponse.NOT_SERVING
@@ -59,6 +59,23 @@ async def failure(call: Any) -> errors.PretouchError:
     with pytest.raises(grpc.aio.AioRpcError) as caught:
         await call
     return errors.from_rpc_error(caught.value)
+
+
+async def test_bytes_that_are_no_message_are_malformed(caplog: pytest.LogCaptureFixture) -> None:
+    async with probe() as (_, service), open_channel(f"127.0.0.1:{service.port}") as channel:
+        for name, kind in (
+            ("unary", "unary_unary"),
+            ("gathered", "stream_unary"),
+            ("counted", "unary_stream"),
+            ("echoed", "stream_stream"),
+        ):
+            for data in (b"\xff", b"\x0a\x02\xff\xff"):  # not the wire format; a string that is not UTF-8
+                method = getattr(channel, kind)(f"/{SERVICE}/{name.capitalize()}")
+                call = method(iter([data]) if kind.startswith("stream") else data, timeout=TIMEOUT)
+                error = await failure(call if kind.endswith("unary") else call.read())
+                assert isinstance(error, errors.Malformed), name
+                assert error.remedy
+    assert "Traceback" not in caplog.text
 
 
 async def test_all_kinds_of_call_carry_the_token() -> None:
@@ -191,6 +208,26 @@ async def test_a_full_queue_is_refused_and_frees_up_again() -> None:
 
 async def _call(stub: Stub, request: str) -> str:
     return (await stub.unary(text(request), timeout=TIMEOUT)).value
+
+
+@pytest.mark.parametrize("end", ["the client's deadline", "the service's deadline", "the client hangs up"])
+async def test_a_thread_is_free_again_once_nobody_waits_for_its_work(end: str) -> None:
+    async with probe(workers=1, deadline=0.3 if "service" in end else 60.0) as (stub, service):
+        call = stub.unary(text("grind"), timeout=0.3 if end == "the client's deadline" else None)
+        if end == "the client hangs up":
+            await eventually(lambda: value(service.context, "calls_in_flight") == 1)
+            call.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await call
+        else:
+            assert isinstance(await failure(call), errors.DeadlineExceeded)
+        assert (await stub.unary(text("spin:0"), timeout=TIMEOUT)).value == "spin:0"
+
+
+async def test_a_request_that_is_no_message_of_its_type_is_malformed() -> None:
+    async with probe() as (_, service), open_channel(f"127.0.0.1:{service.port}") as channel:
+        call = channel.unary_unary(f"/{SERVICE}/Unary", bytes, StringValue.FromString)
+        assert isinstance(await failure(call(b"\xff\xff\xff", timeout=TIMEOUT)), errors.Malformed)
 
 
 async def test_health_answers_while_every_worker_is_busy() -> None:
@@ -347,17 +384,3 @@ async def test_metrics_answer_while_silent_connections_are_held() -> None:
         assert "pretouch_probe_calls" in await _metrics(client, service)
         for _, writer in held:
             writer.close()
-
-
-async def test_messages_that_are_held_at_once_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(held, "MAX_HELD", 1_000_000)
-    async with probe(workers=1) as (stub, service):
-        waiting = stub.unary(text("wait:" + "1" * 3 + " " * 600_000), timeout=TIMEOUT)
-        await eventually(lambda: (value(service.context, "held_bytes") or 0) > 500_000)
-        error = await failure(stub.size(BytesValue(value=bytes(500_000)), timeout=TIMEOUT))
-        assert isinstance(error, errors.Overloaded)
-        assert error.retry_after == 1.0
-        assert (await stub.size(BytesValue(value=bytes(1000)), timeout=TIMEOUT)).value == "1000"
-        waiting.cancel()
-        await eventually(lambda: value(service.context, "held_bytes") == 0)
-        assert (await stub.size(BytesValue(value=bytes(900_000)), timeout=TIMEOUT)).value == "900000"

@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+from pretouch_orchestrator.perception.preparation import prepare_scene
 from pretouch_orchestrator.planning.lines import trace_lines
 from pretouch_orchestrator.planning.path import PathPlanner
-from pretouch_orchestrator.sessions.loop import prepare_scene
 from pretouch_simulation.clutter import place_neighbours
 from pretouch_simulation.contact import measure_clearance
 from pretouch_simulation.finger import FingerModel, realise
@@ -57,7 +57,7 @@ def test_what_hangs_over_the_tip_is_in_the_finger() -> None:
 def planner_of(case: Case, guarded: bool) -> PathPlanner:
     """Before the first scan."""
     request = SessionRequest(case.camera, case.base_T_camera, depth_scale=1.0)
-    scene, _ = prepare_scene(request, case.depth, case.mask)
+    scene, _, _ = prepare_scene(request, case.depth, case.mask)
     return PathPlanner(scene, from_prior(request.prior, scene.cloud), ScanSettings(guarded=guarded))
 
 

@@ -33,6 +33,7 @@ from pretouch.session import (
     Skipped,
     Tolerance,
 )
+from pretouch.session_warning import SessionWarning
 from pretouch.tof import RangeSamples, Sensor
 from pretouch.v1 import common_pb2, orchestrator_pb2
 from pretouch.wire.contract import ContractField, contract_fields
@@ -58,7 +59,7 @@ class Contract(NamedTuple):
 
 
 DERIVED = [
-    Contract(Camera, common_pb2.Camera.DESCRIPTOR, "Camera", _REQUEST["camera"], in_json="+depth_scale"),
+    Contract(Camera, common_pb2.Camera.DESCRIPTOR, "Camera", _REQUEST["camera"], in_json="+depth_scale +width +height"),
     Contract(Plane, common_pb2.Plane.DESCRIPTOR, "Plane", _REQUEST["table"]),
     Contract(Prior, common_pb2.Prior.DESCRIPTOR, "Prior", _REQUEST["prior"]),
     Contract(Tolerance, orchestrator_pb2.Tolerance.DESCRIPTOR, "Tolerance", _REQUEST["tolerance"]),
@@ -80,6 +81,12 @@ DERIVED = [
     Contract(Region, orchestrator_pb2.Region.DESCRIPTOR, "Region", _CONVERGED["regions"][0]),
     Contract(ScanSummary, orchestrator_pb2.ScanSummary.DESCRIPTOR, "ScanSummary", _CONVERGED["scans"][0]),
     Contract(ScanProgress, orchestrator_pb2.ScanProgress.DESCRIPTOR, "ScanProgress", examples.PROGRESS),
+    Contract(
+        SessionWarning,
+        orchestrator_pb2.SessionWarning.DESCRIPTOR,
+        "SessionWarning",
+        _CONVERGED["warnings"][0],
+    ),
     Contract(BudgetUsed, orchestrator_pb2.BudgetUsed.DESCRIPTOR, "BudgetUsed", _CONVERGED["budget_used"]),
 ]
 """Types whose message, JSON and schema are derived from the dataclass."""
@@ -90,7 +97,7 @@ WRITTEN = [
         "SessionRequest",
         _REQUEST | {"proposer": "deep"},
         in_message="+depth +mask +idempotency_key",
-        in_json="-depth_scale",
+        in_json="-depth_scale -width -height",
     ),
     Contract(
         Session,

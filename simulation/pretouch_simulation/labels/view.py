@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from pretouch_orchestrator.sessions.loop import prepare_scene
+from pretouch_orchestrator.perception.preparation import prepare_scene
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Pose
@@ -66,4 +66,5 @@ def scene_of(
         InvalidInput: no object or no table is found.
     """
     request = SessionRequest(camera, base_T_camera, depth_scale=1.0, proposer=None, planner=Planner.INFORMATION)
-    return prepare_scene(request, depth, mask)
+    scene, origin, _ = prepare_scene(request, depth, mask)
+    return scene, origin

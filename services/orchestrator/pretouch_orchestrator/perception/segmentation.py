@@ -2,33 +2,46 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import ConvexHull, QhullError
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, Plane, Pose
 from pretouch.scene import MIN_OBJECT_PIXELS, Scene
-from pretouch_orchestrator.perception.clusters import label_clusters, remove_flying_pixels
-from pretouch_orchestrator.perception.table import fit_table, height_std
-
-Pixels = NDArray[np.bool_]
+from pretouch.session_warning import SessionWarning
+from pretouch_orchestrator.perception.depth_check import check_depth, check_object, describe_depth
+from pretouch_orchestrator.perception.object_mask import check_mask, clean_mask, is_large, refuse_inverted
+from pretouch_orchestrator.perception.table import fit_table
+from pretouch_orchestrator.perception.table_view import Pixels, TableView
 
 _MIN_HEIGHT = 0.008
 """m: least height of an object above the table."""
-_MIN_PIXEL_HEIGHT = 0.004
-"""m: least height, averaged over 3 x 3 pixels, of a pixel of an object; 2 sigma of one pixel where that is more."""
 _MAX_FOOT = 0.03
 """m: the lowest seen point of an object that stands on the table is at most this high."""
-_OUTLINE_MARGIN = 0.01
-"""m inside the outline of the visible table within which at least half of an object lies, unlike a wall behind it."""
 _MAX_CLUSTERS = 20
-USUAL_DEPTH = (0.2, 5.0)
-"""m: a median depth outside is most often in a wrong unit."""
 _MAX_MASK_SHARE = 0.6
 """Share of the depth above which a mask holds more than an object."""
+_AGREEING, _MIN_AGREEING = 0.05, 0.3
+"""m from the given table, and share of what is seen around the object that lies within it: then the image shows it."""
+_MAX_SUNK = 0.002
+"""m below a plane beyond which the middle of a mask shows that the plane is not what the object stands on."""
+
+
+class Found(NamedTuple):
+    """An object in a view.
+
+    Attributes:
+        scene: the object and its table, the one given if one was.
+        seen: the table that the image shows, in the camera frame; None: it shows none.
+        warnings: what is odd about the mask that marks the object.
+    """
+
+    scene: Scene
+    seen: Plane | None
+    warnings: tuple[SessionWarning, ...] = ()
 
 
 def find_object(
@@ -38,45 +51,48 @@ def find_object(
     roi: tuple[int, int, int, int] | None = None,
     mask: Pixels | None = None,
     table: Plane | None = None,
-) -> Scene:
+) -> Found:
     """Segments the client's view.
 
     Args:
         depth: (h, w).
         base_T_camera: extrinsics as the client believes them.
         roi: (u0, v0, u1, v1), half-open: the object is within it; a mask is intersected with it.
-        mask: (h, w), True on the object; None: the largest object that stands on the table within the roi is taken.
+        mask: (h, w), True on the object, which is cleaned; None: the largest object that stands on the table within
+            the roi is taken.
         table: in base by `base_T_camera`; None: the plane with the most support around the object is taken.
 
     Raises:
-        InvalidInput: no depth, a roi outside the image, a mask of another size or without depth, no table, no object.
+        InvalidInput: no depth, a roi outside the image, a mask of another size, without depth or of no object, no
+            table, no object, or one where no object can be.
     """
+    check_depth(depth)
     seen = depth.metres > 0
-    if not seen.any():
-        raise InvalidInput("The depth image holds no depth.", "Send metres = value x depth_scale; 0 means no data.")
     area = _roi_to_mask(depth, roi)
     if mask is not None:
-        mask = _validate_mask(mask, area, seen)
+        mask = check_mask(mask, area, depth)
     points = camera.back_project_image(depth.metres)
+    warnings: tuple[SessionWarning, ...] = ()
     try:
-        if table is not None:
-            plane = table.moved(base_T_camera.inverse())
-        else:
-            plane = _find_table(points, seen, area if roi is not None else None, mask)
+        if table is None:
+            plane = _find_table(depth, points, area if roi is not None else None, mask)
             table = plane.moved(base_T_camera)
+            view, shown = TableView(depth.metres, points, plane), plane
+        else:
+            view = TableView(depth.metres, points, table.moved(base_T_camera.inverse()))
+            shown = _find_shown_table(view, mask)
+            _check_given_table(view, shown)
         if mask is None:
-            mask = _segment_standing_object(depth.metres, points, plane, area & seen)
+            pixels = _segment_standing_object(view, area & seen)
+        else:
+            if is_large(mask, seen):
+                refuse_inverted(view, mask)
+            pixels, warnings = clean_mask(view, mask)
+        scene = Scene(depth, camera, base_T_camera, pixels, table)
     except InvalidInput as error:
-        raise InvalidInput(error.detail, error.remedy + _hint_at_scale(depth)) from error
-    return Scene(depth, camera, base_T_camera, mask, table)
-
-
-def _hint_at_scale(depth: DepthImage) -> str:
-    """A sentence that names the depth's unit as the probable cause; empty if distances are usual."""
-    median = float(np.median(depth.metres[depth.metres > 0]))
-    if USUAL_DEPTH[0] <= median <= USUAL_DEPTH[1]:
-        return ""
-    return f" The image is {median:.3g} m away in the median: check depth_scale, metres of one stored unit."
+        raise InvalidInput(f"{error.detail} {describe_depth(depth)}", error.remedy) from error
+    check_object(scene)
+    return Found(scene, shown, warnings)
 
 
 def _roi_to_mask(depth: DepthImage, roi: tuple[int, int, int, int] | None) -> Pixels:
@@ -98,25 +114,11 @@ def _roi_to_mask(depth: DepthImage, roi: tuple[int, int, int, int] | None) -> Pi
     return area
 
 
-def _validate_mask(mask: Pixels, area: Pixels, seen: Pixels) -> Pixels:
-    if mask.shape != seen.shape:
-        raise InvalidInput(
-            f"The mask is {list(mask.shape)} pixels (h, w), the depth image {list(seen.shape)}.",
-            "Send a mask of the depth image's size.",
-        )
-    if not mask.any():
-        raise InvalidInput("The mask is empty.", "Mark the object's pixels with a value other than 0, or send no mask.")
-    if not (mask & area).any():
-        raise InvalidInput("The mask is empty within the roi.", "Send a roi that holds the object, or none.")
-    if not (mask & area & seen).any():
-        raise InvalidInput(
-            "The depth image has no data within the mask.", "Check that the mask belongs to the depth image."
-        )
-    return mask & area
-
-
-def _find_table(points: Array, seen: Pixels, area: Pixels | None, mask: Pixels | None) -> Plane:
+def _find_table(depth: DepthImage, points: Array, area: Pixels | None, mask: Pixels | None) -> Plane:
     """The table in the camera frame, fitted to the object's surroundings or, failing that, to the whole image."""
+    seen = depth.metres > 0
+    if mask is not None and is_large(mask, seen) and (whole := fit_table(points[seen], 0.0)) is not None:
+        refuse_inverted(TableView(depth.metres, points, whole), mask)
     stages = [(seen, 0.0)]
     if mask is not None:
         beside = seen & ~ndimage.binary_dilation(mask, iterations=3)
@@ -125,7 +127,7 @@ def _find_table(points: Array, seen: Pixels, area: Pixels | None, mask: Pixels |
         stages = [(seen & _pad_bounding_box(area, 0.5), 0.5), (seen, 0.0)]
     for pixels, below_weight in stages:
         plane = fit_table(points[pixels], below_weight)
-        if plane is not None and (mask is None or np.median(plane.height(points[mask & seen])) > 0):
+        if plane is not None and (mask is None or np.median(plane.height(points[mask & seen])) > -_MAX_SUNK):
             return plane
     if mask is not None and (share := float(mask[seen].mean())) > _MAX_MASK_SHARE:
         raise InvalidInput(
@@ -134,6 +136,28 @@ def _find_table(points: Array, seen: Pixels, area: Pixels | None, mask: Pixels |
     raise InvalidInput(
         "No table was found in the depth image.",
         "Give the table, by its unit normal and offset, or a view with more of the table.",
+    )
+
+
+def _find_shown_table(view: TableView, mask: Pixels | None) -> Plane | None:
+    """The table that the image shows, in the camera frame: the given one where enough of it is seen."""
+    beside = view.depth > 0
+    if mask is not None:
+        beside &= _pad_bounding_box(mask, 1.0) & ~ndimage.binary_dilation(mask, iterations=3)
+    if beside.any() and (np.abs(view.heights[beside]) < _AGREEING).mean() >= _MIN_AGREEING:
+        return view.table
+    return fit_table(view.points[beside], 0.5 if mask is not None else 0.0)
+
+
+def _check_given_table(view: TableView, shown: Plane | None) -> None:
+    """Raises `InvalidInput` if the camera looks at the table from below."""
+    if view.table.offset <= 0:
+        return
+    known = "" if shown is None else f" The table that the image shows is {-shown.offset:.2f} m from the camera."
+    raise InvalidInput(
+        f"The camera is {view.table.offset:.2f} m below the table that was given.{known}",
+        "Give the table's unit normal, away from the table, and its offset, both in base; check base_T_camera; or "
+        "leave table out.",
     )
 
 
@@ -146,43 +170,17 @@ def _pad_bounding_box(area: Pixels, share: float) -> Pixels:
     return grown
 
 
-def _segment_standing_object(depth: NDArray[np.float32], points: Array, table: Plane, area: Pixels) -> Pixels:
-    """The largest cluster of pixels in `area` that stands on the table (camera frame)."""
-    heights = table.height(points)
-    std = height_std(points, table.normal)
-    flat = np.where(depth > 0, np.clip(heights, -0.02, 0.02), 0.0)
-    mean = ndimage.uniform_filter(flat, 3) / np.maximum(ndimage.uniform_filter((depth > 0).astype(np.float64), 3), 0.1)
-    above = area & (mean > np.maximum(_MIN_PIXEL_HEIGHT, 2 * std)) & (heights > std)
-    labels = label_clusters(depth, remove_flying_pixels(depth, above))
-    table_T_camera = table.frame().inverse()
-    outline = _fit_outline(table_T_camera.apply(points)[..., :2], (depth > 0) & (np.abs(heights) < 3 * std + 0.002))
-    pixels: Pixels
+def _segment_standing_object(view: TableView, area: Pixels) -> Pixels:
+    """The largest cluster of pixels in `area` (h, w) that stands on the table."""
+    labels = view.label(area & view.raised)
     for label in range(1, min(int(labels.max()), _MAX_CLUSTERS) + 1):
-        pixels = labels == label
+        pixels: Pixels = labels == label
         if pixels.sum() < MIN_OBJECT_PIXELS:
             break
-        foot, top = heights[pixels].min(), np.percentile(heights[pixels], 95)
-        over = table_T_camera.apply(points[pixels])[:, :2] @ outline[:, :2].T + outline[:, 2] <= -_OUTLINE_MARGIN
-        if foot < _MAX_FOOT and top > _MIN_HEIGHT and over.all(axis=1).mean() >= 0.5:
+        foot, top = view.heights[pixels].min(), np.percentile(view.heights[pixels], 95)
+        if foot < _MAX_FOOT and top > _MIN_HEIGHT and view.is_over_table(pixels):
             return pixels
     raise InvalidInput(
         "Nothing stands on the table within the view, or within the roi if one was sent.",
         "Give a mask or another roi, and check that the table's normal points towards the camera.",
     )
-
-
-def _fit_outline(places: Array, table: Pixels) -> Array:
-    """The convex hull of the table's large components: half planes (m, 3) with a x + b y + c <= 0 inside.
-
-    Args:
-        places: (h, w, 2), m, each pixel's (x, y) in the table's frame.
-        table: (h, w), pixels at the table's height: the table, and stray ones where its plane cuts other things.
-    """
-    pieces, _ = ndimage.label(table, structure=np.ones((3, 3)))
-    sizes = np.bincount(pieces.ravel())
-    sizes[0] = 0
-    large = np.isin(pieces, np.flatnonzero(sizes >= max(MIN_OBJECT_PIXELS, 0.1 * sizes.max())))
-    try:
-        return np.asarray(ConvexHull(places[large]).equations, dtype=np.float64)
-    except (QhullError, ValueError):
-        return np.zeros((0, 3))

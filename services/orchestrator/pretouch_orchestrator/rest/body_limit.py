@@ -8,7 +8,6 @@ from contextlib import suppress
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pretouch.errors import Malformed, TooLarge
-from pretouch.serving.held import HeldBytes
 from pretouch_orchestrator.rest.problems import build_problem_response
 
 MAX_HEAD = 16 * 1024
@@ -21,14 +20,10 @@ while it still writes may lose the answer."""
 
 
 class BodyLimit:
-    """Passes bodies of up to MAX_BODY bytes to `app`, and answers larger ones with 413, announced or not.
+    """Passes bodies of up to MAX_BODY bytes to `app`, and answers larger ones with 413, announced or not."""
 
-    A body counts as held from when `app` begins to read it until it is answered; one too many is answered with 429.
-    """
-
-    def __init__(self, app: ASGIApp, held: HeldBytes) -> None:
+    def __init__(self, app: ASGIApp) -> None:
         self._app = app
-        self._held = held
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -41,14 +36,11 @@ class BodyLimit:
         length = headers.get(b"content-length", b"0")
         too_large = length.isdigit() and int(length) > MAX_BODY
         chunked = b"transfer-encoding" in headers
-        body = _Body(receive, self._held, -1 if too_large else MAX_BODY if chunked else int(length))
+        body = _Body(receive, too_large=too_large)
         if too_large or chunked:
             # A client that waits for "100 Continue" has sent nothing yet, and reading would request the body.
             send = _Lingering(send, body, read_on=b"expect" not in headers)
-        try:
-            await self._app(scope, body, send)
-        finally:
-            body.free()
+        await self._app(scope, body, send)
 
 
 def _find_framing_error(scope: Scope) -> Malformed | TooLarge | None:
@@ -67,28 +59,14 @@ def _find_framing_error(scope: Scope) -> Malformed | TooLarge | None:
 
 
 class _Body:
-    """Receives a body of up to MAX_BODY bytes; nothing of one that is announced as larger.
+    """Receives a body of up to MAX_BODY bytes; nothing of one that is announced as larger."""
 
-    Args:
-        announced: bytes that may come, -1 for too many.
-    """
-
-    def __init__(self, receive: Receive, held: HeldBytes, announced: int) -> None:
+    def __init__(self, receive: Receive, *, too_large: bool) -> None:
         self._receive = receive
-        self._held = held
-        self._announced = announced
-        self._taken = 0
-        self._left = -1 if announced < 0 else MAX_BODY
+        self._left = -1 if too_large else MAX_BODY
         self.complete = False
 
-    def free(self) -> None:
-        """Ends what reading began to hold."""
-        self._held.free(self._taken)
-        self._taken = 0
-
     async def __call__(self) -> Message:
-        if self._announced > 0 and not self._taken:
-            self._taken = self._held.take(self._announced)
         if self._left >= 0:
             message = await self._next()
         if self._left < 0:

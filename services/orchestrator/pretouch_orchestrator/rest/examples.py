@@ -37,6 +37,7 @@ from pretouch.session import (
     SessionRequest,
     State,
 )
+from pretouch.session_warning import SessionWarning
 from pretouch.trajectory import Trajectory
 from pretouch.wire.json import progress_to_json, request_to_json, scan_plan_to_json, session_to_json
 
@@ -50,6 +51,9 @@ _DOWN = Pose.of(np.diag([1.0, -1.0, -1.0]), (0.41, -0.03, 0.08))
 _REQUEST = SessionRequest(
     Camera(525.0, 525.0, 319.5, 239.5),
     Pose.from_quaternion((-0.045, 0.0, 0.515), (0.6533, -0.6533, 0.2706, -0.2706)),
+    depth_scale=0.001,
+    width=640,
+    height=480,
     roi=(200, 120, 440, 360),
     table=Plane(np.array([0.0, 0.0, 1.0]), 0.0),
     base_T_object=_OBJECT,
@@ -71,6 +75,7 @@ _CREATED = Session(
     estimate=from_prior(Prior(), _BOX),
     next_scan=_PLAN,
     base_T_object=_REQUEST.base_T_object,
+    table=_REQUEST.table,
 )
 _CORRECTION = Pose.from_rotation_vector((0.0, 0.0, 0.02), (0.004, -0.011, 0.002))
 _CONVERGED = replace(
@@ -94,11 +99,19 @@ _CONVERGED = replace(
     scans=(ScanSummary("scan-1", "region-0", "region-0", 48, 46, _PLAN.path.length, _PLAN.path.duration, 0.0014),),
     budget_used=BudgetUsed(1, _PLAN.path.duration, 0.12),
     base_T_object=_CORRECTION @ _OBJECT,
+    warnings=(
+        SessionWarning(
+            "camera-far", "The object is 2.4 m from the camera, in the median.", "Move the camera nearer if you can."
+        ),
+    ),
 )
 
 COMPLETE_REQUEST: dict[str, Any] = request_to_json(_REQUEST)
 """Every member but the proposer, defaults spelled out."""
-MINIMAL_REQUEST: dict[str, Any] = {name: COMPLETE_REQUEST[name] for name in ("camera", "base_T_camera")}
+MINIMAL_REQUEST: dict[str, Any] = {
+    "camera": {name: COMPLETE_REQUEST["camera"][name] for name in ("fx", "fy", "cx", "cy")},
+    "base_T_camera": COMPLETE_REQUEST["base_T_camera"],
+}
 """The members that have no default."""
 CREATED = session_to_json(_CREATED)
 CONVERGED = session_to_json(_CONVERGED)

@@ -10,8 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field, create_model
 
-from pretouch import camera, estimate, geometry, session, tof
+from pretouch import camera, estimate, geometry, session, session_warning, tof
 from pretouch.tof import MAX_SAMPLES
+from pretouch.wire.contract import contract_fields
 from pretouch_orchestrator.rest.derived_model import (
     LeftOut,
     Pose,
@@ -26,16 +27,19 @@ _Pixel = Annotated[int, Field(ge=0, lt=2**31)]
 _Positive = Annotated[float, Field(gt=0)]
 _Share = Annotated[float, Field(gt=0, le=1)]
 _Std = Annotated[float, Field(ge=1e-6, le=1)]
+_Side = Annotated[int, Field(ge=1, le=100_000)]
+_OF_IMAGE = {
+    field.name: field.description[:1].upper() + field.description[1:]
+    for field in contract_fields(session.SessionRequest)
+    if field.name in ("depth_scale", "width", "height")
+}
+"""What is said about the fields of a request that JSON has in its camera."""
 
 Camera = extend_model(
     derive_model(camera.Camera, StrictModel, fx=_Positive, fy=_Positive),
-    depth_scale=(
-        Annotated[float, Field(gt=0, le=1000)],
-        Field(
-            session.SessionRequest.depth_scale,
-            description="Metres that one stored unit of the depth image stands for.",
-        ),
-    ),
+    depth_scale=(Annotated[float, Field(gt=0, le=1000)] | LeftOut, optional_field(_OF_IMAGE["depth_scale"])),
+    width=(_Side | LeftOut, optional_field(_OF_IMAGE["width"])),
+    height=(_Side | LeftOut, optional_field(_OF_IMAGE["height"])),
 )
 Plane = derive_model(geometry.Plane, StrictModel)
 Prior = derive_model(estimate.Prior, StrictModel, translation_std=_Std, rotation_std=_Std)
@@ -65,7 +69,7 @@ ScanSettings = derive_model(
 SessionRequest = derive_model(
     session.SessionRequest,
     StrictModel,
-    without=("depth_scale",),
+    without=tuple(_OF_IMAGE),
     camera=Camera,
     roi=Annotated[list[_Pixel], Field(min_length=4, max_length=4)] | LeftOut,
 )
@@ -88,6 +92,7 @@ Region = derive_model(session.Region, BaseModel)
 ScanSummary = derive_model(session.ScanSummary, BaseModel, region_id=str | None)
 BudgetUsed = derive_model(session.BudgetUsed, BaseModel)
 ScanProgress = derive_model(session.ScanProgress, BaseModel)
+SessionWarning = derive_model(session_warning.SessionWarning, BaseModel)
 
 
 class Waypoint(BaseModel):

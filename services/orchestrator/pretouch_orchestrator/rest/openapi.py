@@ -68,8 +68,9 @@ def describe_creation_body() -> dict[str, Any]:
         "depth": {
             "type": "string",
             "format": "binary",
-            "description": "Depth along the camera's optical axis in units of `camera.depth_scale`; 0 and NaN mean no "
-            "data. A 16-bit greyscale PNG, or an .npy file of uint16 or float32; h x w pixels, at most 4 million.",
+            "description": "Depth along the camera's optical axis in units of `camera.depth_scale`; 0, NaN and the "
+            "type's largest value mean no data. "
+            "A 16-bit greyscale PNG, or an .npy file of uint16 or float32; h x w pixels, at most 4 million.",
         },
         "mask": {
             "type": "string",

@@ -32,9 +32,10 @@ def build_problem_response(error: PretouchError, headers: dict[str, str] | None 
     extra = dict(headers or {})
     if isinstance(error, Unauthenticated):
         extra["WWW-Authenticate"] = "Bearer"
-    if error.retry_after is not None:
-        extra["Retry-After"] = str(math.ceil(error.retry_after))
-    return JSONResponse(problem(error), wire_of(error).http_status, extra, media_type=PROBLEM_TYPE)
+    document = problem(error)
+    if "retry_after" in document:
+        extra["Retry-After"] = str(math.ceil(document["retry_after"]))
+    return JSONResponse(document, wire_of(error).http_status, extra, media_type=PROBLEM_TYPE)
 
 
 def answer_errors_as_problems(app: FastAPI, context: ServiceContext) -> None:

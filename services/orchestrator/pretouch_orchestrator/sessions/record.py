@@ -10,8 +10,10 @@ import numpy as np
 
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Pose
+from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, Session, SessionRequest, State
+from pretouch.session_warning import SessionWarning
 from pretouch.tof import RangeSamples, Scan
 
 
@@ -21,13 +23,16 @@ class Record:
 
     Attributes:
         created: s since the Unix epoch.
-        scene: the part of the client's view around the object, which the other services are sent.
+        scene: the part of the client's view around the object, which the other services are sent; every `step`-th
+            pixel of a large image.
         origin: first pixel (u0, v0) of `scene` in the client's image; `regions` are in the client's pixels.
         measured: the beams of each scan in `scans`, in the same order, without those of faulty modules.
         skipped: ids of regions that could not be reached.
         told: samples of `next_scan` that were told while the robot moves, in the order in which they were told.
         answered: ids of the scans that the client has submitted or skipped.
         reason: a problem document, set when the session is exhausted or failed.
+        warnings: what is legal but odd about the input so far.
+        version: that of the state in the store from which the record was derived; 0: it was not stored yet.
     """
 
     id: str
@@ -47,6 +52,18 @@ class Record:
     answered: tuple[str, ...] = ()
     budget_used: BudgetUsed = field(default_factory=BudgetUsed)
     reason: dict[str, Any] | None = None
+    warnings: tuple[SessionWarning, ...] = ()
+    version: int = 0
+
+    @property
+    def step(self) -> int:
+        """Pixels of the client's image from one of the scene's to the next."""
+        return round(self.request.camera.fx / self.scene.camera.fx)
+
+    def to_scene(self, rectangle: RotatedRectangle) -> RotatedRectangle:
+        """A rectangle of the client's image in the scene's pixels."""
+        u0, v0 = self.origin
+        return rectangle.shifted(-u0, -v0).scaled(1 / self.step)
 
     @property
     def registrable_scans(self) -> tuple[Scan, ...]:
@@ -85,4 +102,6 @@ class Record:
             budget_used=self.budget_used,
             base_T_object=base_T_object,
             reason=self.reason,
+            warnings=self.warnings,
+            table=self.scene.table,
         )

@@ -10,6 +10,7 @@ import numpy as np
 from pretouch.errors import Conflict, InvalidInput
 from pretouch.session import GatewaySpan, Points, SampleChunk, ScanPlan
 from pretouch.tof import RangeSamples
+from pretouch_orchestrator.perception.scan_check import check_samples
 from pretouch_orchestrator.sessions.record import Record
 
 
@@ -38,7 +39,7 @@ def add_told(record: Record, told: SampleChunk | RangeSamples) -> Record:
 
     Raises:
         Conflict: samples are missing before the chunk.
-        InvalidInput: the samples go back in time or do not fit the session's sensor.
+        InvalidInput: the samples go back in time, do not fit the session's sensor, or cannot be of the planned scan.
         TooLarge: more than MAX_SAMPLES in all.
     """
     if isinstance(told, SampleChunk):
@@ -56,6 +57,8 @@ def add_told(record: Record, told: SampleChunk | RangeSamples) -> Record:
     if len(new) == 0:
         return record
     new.beams(record.request.sensor)
+    if record.next_scan is not None:
+        check_samples(new, record.next_scan, record.scene, record.request.sensor)
     after = replace(record, told=(*record.told, new))
     RangeSamples.merge(after.told)
     return after

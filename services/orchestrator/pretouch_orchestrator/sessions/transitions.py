@@ -10,7 +10,9 @@ import numpy as np
 from pretouch.errors import Conflict, NotFound
 from pretouch.estimate import Estimate
 from pretouch.session import Planner, Points, ScanPlan, ScanSummary
+from pretouch.session_warning import SessionWarning
 from pretouch.tof import RangeSamples, Scan
+from pretouch_orchestrator.perception.scan_check import check_points, check_samples
 from pretouch_orchestrator.perception.sensor_check import diagnose, drop_modules, summarize
 from pretouch_orchestrator.planning.candidates import (
     FIRST_PIECES,
@@ -53,6 +55,27 @@ def drop_faulty_modules(record: Record, submission: RangeSamples | Points) -> tu
     diagnoses = diagnose(submission, record.request.sensor, record.scene, record.estimate, record.measured)
     kept = drop_modules(submission, [diagnosis.module for diagnosis in diagnoses])
     return kept, summarize(diagnoses) if diagnoses else ""
+
+
+def inspect_submission(record: Record, plan: ScanPlan, submission: RangeSamples | Points) -> list[SessionWarning]:
+    """What is odd about the whole scan; raises `InvalidInput` if it cannot be of the plan."""
+    if isinstance(submission, Points):
+        return check_points(submission, plan, record.scene)
+    return check_samples(submission, plan, record.scene, record.request.sensor)
+
+
+def warn_of_faults(plan: ScanPlan, faults: str) -> list[SessionWarning]:
+    """That samples of the scan were left out because of `faults`; nothing if there are none."""
+    if not faults:
+        return []
+    return [
+        SessionWarning(
+            "samples-left-out",
+            f"In {plan.scan_id}: {faults} These samples are left out.",
+            "Look at what the finger sends with `pretouch gateway watch`; check its cable and supply, tip_T_module and "
+            "the unit of its ranges.",
+        )
+    ]
 
 
 def scan_from_submission(record: Record, submission: RangeSamples | Points) -> Scan:
@@ -126,7 +149,8 @@ def plan_over_object(record: Record) -> list[CandidatePath]:
     pieces: tuple[float, ...] = ()
     if record.request.planner is Planner.INFORMATION:
         pieces = PIECES if record.registrable_scans else FIRST_PIECES
-    return plan_object_paths(planner, record.regions, record.origin, pieces, _list_closed(record))
+    regions = [replace(region, rectangle=record.to_scene(region.rectangle)) for region in record.regions]
+    return plan_object_paths(planner, regions, pieces, _list_closed(record))
 
 
 def _list_closed(record: Record) -> set[str]:

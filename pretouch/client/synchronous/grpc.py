@@ -1,0 +1,67 @@
+# Generated from pretouch/client/asynchronous by `make client`: change that.
+"""The gRPC client."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from pretouch.channel import open_sync_channel
+from pretouch.client.arguments import check_id
+from pretouch.client.events import QUIET, Event
+from pretouch.client.grpc_api import GRPC_ADDRESS, GrpcSessionApi, RpcMessage
+from pretouch.client.retries import TIMEOUT
+from pretouch.client.rpc_errors import raising_rpc_errors
+from pretouch.client.synchronous.client import SyncClient
+from pretouch.tracing import propagated
+from pretouch.v1 import orchestrator_pb2 as pb
+from pretouch.v1.orchestrator_pb2_grpc import OrchestratorServiceStub
+
+
+class GrpcClient(SyncClient[RpcMessage, Any]):
+    """A client of the orchestrator over gRPC; an asynchronous one is opened in the event loop that it is used in.
+
+    Args:
+        address: `host:port`.
+        token: the orchestrator's bearer token, if it requires one.
+        tls_ca: PEM file of the certificate authority to trust; left out: the connection is not encrypted.
+        tls_cert, tls_key: PEM files of this client's certificate, if the orchestrator requires one.
+        timeout: s for a whole call, retries included.
+    """
+
+    def __init__(
+        self,
+        address: str = GRPC_ADDRESS,
+        *,
+        token: str | None = None,
+        tls_ca: str | PathLike[str] | None = None,
+        tls_cert: str | PathLike[str] | None = None,
+        tls_key: str | PathLike[str] | None = None,
+        timeout: float = TIMEOUT,
+    ) -> None:
+        super().__init__(GrpcSessionApi(), timeout)
+        files = (None if path is None else Path(path) for path in (tls_ca, tls_cert, tls_key))
+        self._channel = open_sync_channel(address, token, *files)
+        self._stub = OrchestratorServiceStub(self._channel)
+
+    def close(self) -> None:
+        super().close()
+        self._channel.close()
+
+    def _send(self, message: RpcMessage, seconds: float) -> Any:
+        with raising_rpc_errors():
+            return getattr(self._stub, message.method)(
+                message.request, timeout=seconds, metadata=tuple(propagated().items())
+            )
+
+    def _listen(self, session_id: str, after: int) -> Generator[Event]:
+        request = pb.StreamEventsRequest(session_id=check_id("session", session_id), after=after)
+        call = self._stub.StreamEvents(request, timeout=QUIET, metadata=tuple(propagated().items()))
+        try:
+            with raising_rpc_errors():
+                for message in call:
+                    yield Event.parse(message.id, message.type, message.data)
+        finally:
+            call.cancel()
