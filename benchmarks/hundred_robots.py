@@ -177,7 +177,7 @@ def _count_repetitions() -> Counter[str]:
             counted[type(error).__name__] += 1
         return delay
 
-    Attempts.delay_after = count  # type: ignore[method-assign]
+    Attempts.delay_after = count  # type: ignore[method-assign, assignment]
     return counted
 
 

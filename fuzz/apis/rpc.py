@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import islice
 from typing import Any
@@ -34,7 +34,7 @@ METHODS = {
 }
 
 
-def fuzz_rpc(addresses: Mapping[str, str], counts: Counts, seed: int, over: Any) -> None:
+def fuzz_rpc(addresses: Mapping[str, str], counts: Counts, seed: int, over: Callable[[], bool]) -> None:
     """Calls until `over()`.
 
     Args:
