@@ -28,6 +28,7 @@ from pretouch_simulation.services import Services
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.channel import open_sync_channel
+from pretouch.errors import Overloaded, Unavailable, from_rpc_error
 from pretouch.geometry import Plane, Pose
 from pretouch.scene import Scene
 from pretouch.tof import Scan
@@ -100,9 +101,9 @@ def call(method: Any, request: Any) -> str:
         try:
             method(request, timeout=_PATIENCE)
         except grpc.RpcError as error:
-            busy = error.code() in (grpc.StatusCode.RESOURCE_EXHAUSTED, grpc.StatusCode.UNAVAILABLE)
-            if not busy or "larger than max" in (error.details() or "") or time.monotonic() > until:
-                return str(error.code().name)
+            kind = from_rpc_error(error)
+            if not isinstance(kind, Overloaded | Unavailable) or time.monotonic() > until:
+                return type(kind).__name__
         else:
             return "OK"
         time.sleep(1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 import structlog
@@ -50,7 +51,7 @@ class ServiceContext:
         self.metrics.gauge("queue_jobs", "CPU jobs that wait for a thread.").set_function(lambda: self._workers.waiting)
         for name, budget in (("message", self.messages), ("work", self._work)):
             gauge = self.metrics.gauge(f"{name}_memory_bytes", f"Memory reserved for {name}s.")
-            gauge.set_function(lambda budget=budget: budget.used)
+            gauge.set_function(partial(getattr, budget, "used"))
 
     @property
     def memory(self) -> int:

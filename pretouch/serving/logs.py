@@ -7,6 +7,7 @@ import sys
 
 import structlog
 
+from pretouch.serving.log_limits import RepeatFilter, shorten_values
 from pretouch.tracing import current_ids
 
 
@@ -29,6 +30,7 @@ def configure_logs(service: str, level: str) -> None:
         structlog.stdlib.add_logger_name,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
         structlog.processors.format_exc_info,
+        shorten_values,
     ]
     structlog.configure(
         processors=[*shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
@@ -45,4 +47,5 @@ def configure_logs(service: str, level: str) -> None:
             ],
         )
     )
+    handler.addFilter(RepeatFilter())
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)

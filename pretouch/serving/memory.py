@@ -7,10 +7,11 @@ factors were measured as growth of the resident set, and are half as large again
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import os
 from collections import deque
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 from pretouch.errors import InvalidInput, Overloaded, TooLarge
@@ -20,6 +21,8 @@ _LEAST = 64 * 2**20
 _SHARE = 0.5
 """Share of the machine's or container's memory that a service uses unless it is told otherwise."""
 _CGROUP_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
+_M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8  # of malloc.h
+_LARGE_BLOCK, _ARENAS = 2**20, 2
 _UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30}
 
 
@@ -106,6 +109,14 @@ class Reservation:
         if size < self._size:
             self._budget.give_back(self._size - size)
             self._size = size
+
+
+def return_freed_memory() -> None:
+    """Has glibc give large blocks back to the system when they are freed, which its own growing threshold prevents."""
+    with suppress(OSError, AttributeError):  # another C library
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(_M_MMAP_THRESHOLD, _LARGE_BLOCK)
+        mallopt(_M_ARENA_MAX, _ARENAS)
 
 
 def parse_bytes(text: str) -> int:

@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 from pretouch.serving.logs import configure_logs
+from pretouch.serving.memory import return_freed_memory
 from pretouch.serving.open_files import raise_open_file_limit
 from pretouch.serving.server import Running, started
 from pretouch.serving.settings import Settings
@@ -69,6 +70,7 @@ async def serve(name: str, running: Running, settings: Settings, *, until_stdin_
     """
     configure_logs(name, settings.log_level)
     raise_open_file_limit()
+    return_freed_memory()
     task = asyncio.current_task()
     assert task is not None
     warm = False

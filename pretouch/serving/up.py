@@ -19,6 +19,7 @@ from pretouch.errors import DeadlineExceeded, InvalidInput
 from pretouch.results import check_folder
 from pretouch.serving.child import READY_WITHIN, Child, serve_command
 from pretouch.serving.logs import configure_logs
+from pretouch.serving.memory import find_total_memory
 from pretouch.serving.probing import PATIENT, Probing
 from pretouch.serving.process import ended_by_signals
 from pretouch.serving.settings import Settings
@@ -120,6 +121,7 @@ async def _start(stack: Stack, children: list[Child]) -> str:
     """Starts the children, each as soon as what it needs is there; the ready line."""
     common = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
     common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core logs every peer that leaves, in its own format
+    common.setdefault("PRETOUCH_MEMORY", str(find_total_memory() // 4))
     common["PRETOUCH_LOG_LEVEL"] = "debug" if stack.settings.log_level == "debug" else "info"
     common |= _pass_tokens_on(stack.settings)
 

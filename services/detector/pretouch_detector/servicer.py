@@ -15,8 +15,8 @@ from pretouch.wire.common import rectangle_to_proto, scene_from_proto, sensor_fr
 from pretouch_detector.proposals import list_readiness, propose
 
 DEFAULT_COUNT = 20
-_BASE, _BYTE_OF_SCENE = 48 * 2**20, 24
-"""Memory for a proposal, and for each byte of a scene's message, of which a pixel takes three to five."""
+_BASE, _BYTE_OF_SCENE = 48 * 2**20, 8
+"""Memory for a proposal, and for each byte of a scene's message: half as much again as was measured."""
 
 
 @dataclass

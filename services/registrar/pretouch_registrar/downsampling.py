@@ -26,13 +26,14 @@ def downsample_scene(scene: Scene) -> Scene:
     Raises:
         InvalidInput: the object is larger than any that stands on a table.
     """
+    if scene.mask.size > MAX_UNCROPPED:
+        scene = scene.cropped(_MARGIN)[0]
+    ratio = max(scene.mask.size / MAX_PIXELS, scene.mask.sum() / MAX_OBJECT_PIXELS)
+    scene = scene.subsampled(max(1, int(np.ceil(np.sqrt(ratio)))))
     size = float(np.ptp(scene.cloud @ scene.table.frame().rotation, axis=0).max())
     if size > MAX_OBJECT_SIZE:
         raise InvalidInput(
             f"The object is {size:.4g} m large; the limit is {MAX_OBJECT_SIZE:g} m.",
             "Check the depth's unit, and that the mask holds the object alone.",
         )
-    if scene.mask.size > MAX_UNCROPPED:
-        scene = scene.cropped(_MARGIN)[0]
-    ratio = max(scene.mask.size / MAX_PIXELS, scene.mask.sum() / MAX_OBJECT_PIXELS)
-    return scene.subsampled(max(1, int(np.ceil(np.sqrt(ratio)))))
+    return scene

@@ -23,7 +23,7 @@ _BESIDE_TABLE = 0.3
 """Weight of a part that is not over the table: an object may reach beyond its edge, but most often it is background."""
 _MAX_GAP = 0.1
 """m between an object's parts that something in front of it separates, where they are not over the table."""
-_MIN_RAISED, _USUAL_RAISED = 0.15, 0.5
+_MIN_RAISED, _USUAL_RAISED = 0.15, 0.3
 """Share of a mask that rises above the table: with less it marks no object that the camera sees; less is unusual."""
 _INVERTED_SHARE, _INVERTED_TABLE, _INVERTED_REST = 0.5, 0.8, 0.5
 """An inverted mask covers so much of the depth and of the table, and so much of the rest rises above the table."""

@@ -22,6 +22,8 @@ _MAX_DEPTH, _MAX_REACH, _MAX_TABLE, _MAX_SIZE = 2.0, 2.5, 1.5, 1.0
 """m: from the camera to the object, from base to it, the table above or below base, the object's length."""
 _MAX_GAP = 0.10
 """m between the table that was given and the one that is seen, at the object."""
+_MIN_MILLIMETRES = 150.0
+"""mm from base to a camera at the least."""
 _MAX_OBJECT_OFFSET = 0.5
 """m between the object's points and the origin of `base_T_object`, besides the object's size."""
 
@@ -96,6 +98,12 @@ def _reorder(pose: Pose) -> Pose:
 
 _LINK_T_OPTICAL = Pose.of([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.zeros(3))
 _OPENGL_T_OPTICAL = Pose.of(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+_MILLIMETRES = _Mistake(
+    "pose-millimetres",
+    "looks like one in millimetres",
+    "Send metres.",
+    lambda pose: Pose.of(pose.rotation, pose.translation / 1000),
+)
 _MISTAKES = (
     _Mistake(
         "pose-inverted", "looks inverted", "Send the camera's pose in base, not base's in the camera.", Pose.inverse
@@ -118,12 +126,7 @@ _MISTAKES = (
         "Send the rotation as x, y, z, w.",
         _reorder,
     ),
-    _Mistake(
-        "pose-millimetres",
-        "looks like one in millimetres",
-        "Send metres.",
-        lambda pose: Pose.of(pose.rotation, pose.translation / 1000),
-    ),
+    _MILLIMETRES,
 )
 _SCALES = (1000.0, 10.0, 0.2, 0.25, 0.1, 0.01, 0.001)
 """Factors by which the depth may be wrong."""
@@ -160,6 +163,8 @@ def _explain(view: _View, request: SessionRequest, placement: _Placement, scene:
     """The mistake that explains the placement; of several the one that makes the table most level."""
     mended = {mistake: _Placement.of(view, mistake.mend(request.base_T_camera), request.table) for mistake in _MISTAKES}
     usual = [(mistake, found) for mistake, found in mended.items() if found.is_usual]
+    if np.linalg.norm(request.base_T_camera.translation) < _MIN_MILLIMETRES:
+        usual = [(mistake, found) for mistake, found in usual if mistake is not _MILLIMETRES]
     if usual:
         mistake, found = min(usual, key=lambda each: each[1].tilt)
         others = [other.text for other, _ in usual if other is not mistake]
@@ -171,6 +176,8 @@ def _explain(view: _View, request: SessionRequest, placement: _Placement, scene:
                 f"{mistake.remedy}{_excuse_tilt(placement, request.table)}",
             )
         ]
+    if placement._replace(depth=0.0).is_usual:  # a camera that is far away puts all else where it is
+        return []
     for factor in _SCALES:
         found = _Placement.of(view.scaled(factor), request.base_T_camera, request.table)
         if found.is_usual:

@@ -21,8 +21,8 @@ _CROP_MARGIN = 0.14
 _MAX_PIXELS, _MAX_OBJECT_PIXELS = 1_000_000, 100_000
 """Pixels that a session keeps of an image, and of the object: of more, every second one in each direction, or every
 third, and so on. The registrar registers no more of an object in any case."""
-_BYTES_A_PIXEL, _BYTES_OF_AN_IMAGE = 600, 8
-"""Memory for perception in a pixel that is kept, and for what a pixel that is sent needs until then."""
+_BYTES_A_PIXEL, _BYTES_OF_AN_IMAGE = 240, 8
+"""Memory for perception in a pixel that is kept, and in one that is sent: half as much again as was measured."""
 
 
 def prepare_scene(

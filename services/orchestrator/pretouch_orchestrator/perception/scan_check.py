@@ -84,7 +84,7 @@ def _check_places(
     if off <= usual:
         return []
     said = f"In {plan.scan_id}: {subject} is {off:.3g} m from the planned path, in the median."
-    if _measure_distance(places / 1000, plan.path) <= usual:
+    if off > _POSSIBLE_DISTANCE and _measure_distance(places / 1000, plan.path) <= usual:
         raise InvalidInput(f"{said} In millimetres it would be on it.", f"Send {name} in metres.")
     to_object = float(np.median(np.linalg.norm(places - scene.centroid, axis=1)))
     if min(off, to_object) > _POSSIBLE_DISTANCE:
@@ -171,7 +171,7 @@ def _check_times(t: Array, tips: Array, plan: ScanPlan) -> None:
 
 def _find_nearest(places: Array, path: Trajectory) -> NDArray[np.intp]:
     """(n,): the waypoint nearest to each of `places` (n, 3)."""
-    return np.linalg.norm(places[:, None] - path.base_T_tip[:, :3, 3], axis=2).argmin(axis=1)
+    return np.asarray(np.linalg.norm(places[:, None] - path.base_T_tip[:, :3, 3], axis=2).argmin(axis=1), dtype=np.intp)
 
 
 def _reorder(rotation: Array) -> Array:

@@ -44,7 +44,7 @@ from pretouch_orchestrator.store.protocol import Busy, Event, KeyedRequest, Stal
 
 DEFAULT_PAGE, MAX_PAGE = 50, 200
 MAX_KEY = 255
-_BYTES_A_PIXEL = 32
+_BYTES_A_PIXEL = 24
 """Memory for each pixel while a depth image is converted to metres."""
 _DEFECT = Internal(
     "The orchestrator met a defect of its own in this step.",

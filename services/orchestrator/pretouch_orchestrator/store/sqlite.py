@@ -23,11 +23,11 @@ from pretouch_orchestrator.store.sqlite_migrations import migrate
 FILE_NAME = "sessions.sqlite"
 _REMEDY = "Check the state directory's disk and permissions, then try again."
 _SHRINK_PAGES = 1000
+_SYSTEM = {"db.system": "sqlite"}
 _MAX_REWRITTEN = 2**30
 """Bytes of an old file up to which it is rewritten as one that can shrink, which takes seconds."""
 _MIN_FREE = 32 * 2**20
 """Bytes of free disk below which the store says that it is not ready: a large depth image and its log."""
-_SYSTEM = {"db.system": "sqlite"}
 
 T = TypeVar("T")
 
