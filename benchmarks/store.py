@@ -125,7 +125,9 @@ def measure_growth(database: str | None = None) -> dict[str, float]:
 
 
 def _time_steps(rest: httpx.Client, name: str) -> dict[str, float]:
-    seconds, gets, session = [], [], None
+    seconds: list[float] = []
+    gets: list[float] = []
+    session = None
     while len(seconds) < _STEPS:
         if session is None or session["next_scan"] is None:
             session = opened(rest)
