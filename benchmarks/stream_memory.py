@@ -25,7 +25,7 @@ from pretouch_simulation.scanning import scan_along
 from pretouch.channel import open_channel
 from pretouch.geometry import Plane
 from pretouch.scene import Scene as View
-from pretouch.serving.child import Child
+from pretouch.serving.child import Child, serve_command
 from pretouch.tof import Sensor
 from pretouch.trajectory import Trajectory
 from pretouch.v1.common_pb2 import Scan, Scene
@@ -60,7 +60,7 @@ async def measure(streams: int = STREAMS) -> dict[str, float]:
     targets = [scene_to_proto(_scene(cases[k % len(cases)], k)) for k in range(streams)]
     scans = [_scans(case) for case in cases]
     environment = os.environ | {"PRETOUCH_MAX_QUEUE": str(2 * streams)}
-    registrar = Child("registrar", "127.0.0.1", 0, environment, lambda line, fields: None)
+    registrar = Child("registrar", serve_command("registrar"), 0, environment, lambda line, fields: None)
     ready = asyncio.create_task(registrar.wait_until_ready())
     try:
         async with open_channel(f"127.0.0.1:{await ready}") as channel:

@@ -22,6 +22,7 @@ MAX_DEPTH = 10_000.0
 """m; more is a wrong scale."""
 DEFAULT_DEPTH_SCALE = {np.dtype(np.uint16): 0.001, np.dtype(np.float32): 1.0}
 """m of one stored unit of each type of depth image, where nothing is said about it."""
+_MAX_PNG_CHUNKS = 10_000  # libpng writes an image of MAX_PIXELS in about a thousand
 _SHORTEST_FOCAL_LENGTH, _LARGEST_INTRINSIC = 0.01, 1e6  # pixels
 
 
@@ -74,6 +75,10 @@ class Camera:
     def cropped(self, u0: int, v0: int) -> Camera:
         """The camera of an image whose first pixel was (u0, v0)."""
         return Camera(self.fx, self.fy, self.cx - u0, self.cy - v0)
+
+    def subsampled(self, step: int) -> Camera:
+        """The camera of an image of every `step`-th pixel in each direction, the first one kept."""
+        return Camera(self.fx / step, self.fy / step, self.cx / step, self.cy / step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +160,14 @@ def kinect_depth_std(z: ArrayLike) -> Array:
     return np.asarray(0.0012 + 0.0019 * (np.asarray(z, dtype=np.float64) - 0.4) ** 2, dtype=np.float64)
 
 
+def count_pixels(data: bytes) -> int:
+    """How many pixels a PNG says that it has, at most MAX_PIXELS; 0 for anything else."""
+    if not (data.startswith(_PNG_SIGNATURE) and len(data) >= 24):
+        return 0
+    width, height = struct.unpack(">II", data[16:24])
+    return min(int(width * height), MAX_PIXELS)
+
+
 def decode_depth(data: bytes) -> NDArray[np.generic]:
     """Stored values (h, w) of a 16-bit PNG, or of an `.npy` file of uint16 or float32 (never unpickled).
 
@@ -178,19 +191,23 @@ def _decode_npy(data: bytes) -> NDArray[np.generic]:
     remedy = "Write it with numpy.save from a two-dimensional uint16 or float32 array."
     try:
         version = np.lib.format.read_magic(stream)
+        if version not in ((1, 0), (2, 0), (3, 0)):
+            raise ValueError(version)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = read_header(stream)
+        shape, fortran_order, dtype = read_header(stream)
     except Exception as error:  # numpy raises many kinds on a damaged header
         raise Malformed("The .npy depth image has a damaged header.", remedy) from error
     if len(shape) != 2 or dtype.newbyteorder("=") not in (np.dtype(np.uint16), np.dtype(np.float32)):
         raise InvalidInput(f"The .npy depth image holds {dtype} values of shape {list(shape)}.", remedy)
-    if shape[0] * shape[1] > MAX_PIXELS:
-        raise TooLarge(f"The depth image has {shape[0] * shape[1]} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
-    try:
-        values: NDArray[np.generic] = np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise Malformed("The .npy depth image is cut short.", remedy) from error
-    return values.astype(values.dtype.newbyteorder("="))
+    if any(type(side) is not int or side < 1 for side in shape):  # True is a number to numpy's header, and to no array
+        raise InvalidInput(f"The .npy depth image has shape {list(shape)!s:.80}.", remedy)
+    count = shape[0] * shape[1]
+    if count > MAX_PIXELS:
+        raise TooLarge(f"The depth image has {count:g} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
+    if len(data) - stream.tell() < count * dtype.itemsize:
+        raise Malformed("The .npy depth image is cut short.", remedy)
+    values = np.frombuffer(data, dtype, count, stream.tell()).reshape(shape, order="F" if fortran_order else "C")
+    return np.ascontiguousarray(values, dtype.newbyteorder("="))
 
 
 def decode_png(data: bytes, name: str) -> NDArray[np.generic]:
@@ -200,12 +217,38 @@ def decode_png(data: bytes, name: str) -> NDArray[np.generic]:
         Malformed: not a PNG, or damaged.
         TooLarge: more than MAX_PIXELS pixels.
     """
-    if data.startswith(_PNG_SIGNATURE) and len(data) >= 24:
-        width, height = struct.unpack(">II", data[16:24])
-        if width * height > MAX_PIXELS:
-            raise TooLarge(f"The {name} has {width * height} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
+    pixels = _count_png_pixels(data)
+    if pixels > MAX_PIXELS:
+        raise TooLarge(f"The {name} has {pixels} pixels; the limit is {MAX_PIXELS}.", "Crop it.")
     try:
+        if pixels == 0:
+            raise ValueError("no PNG, or one whose header does not come first and once")
         with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
             return np.array(image)
     except Exception as error:  # Pillow raises many kinds on damaged files
         raise Malformed(f"The {name} is not a readable PNG.", f"Send the {name} as a PNG file.") from error
+
+
+def _count_png_pixels(data: bytes) -> int:
+    """Pixels by a PNG's header, so that nothing larger is unpacked; 0 for what is no PNG.
+
+    Pillow believes the last header, wherever it is, and takes long over very many chunks.
+    """
+    at, pixels = len(_PNG_SIGNATURE), 0
+    if not data.startswith(_PNG_SIGNATURE):
+        return 0
+    for number in range(_MAX_PNG_CHUNKS):
+        if len(data) < at + 8:
+            return pixels
+        length, kind = struct.unpack_from(">I4s", data, at)
+        if (kind == b"IHDR") != (number == 0):
+            return 0
+        if number == 0:
+            if len(data) < at + 16:
+                return 0
+            width, height = struct.unpack_from(">II", data, at + 8)
+            pixels = width * height
+        if kind == b"IEND":
+            return pixels
+        at += 12 + length
+    return 0

@@ -40,6 +40,8 @@ _SERVE_HELP = {
     - PRETOUCH_ORCHESTRATOR_STATE: directory of the session store
 
     - PRETOUCH_ORCHESTRATOR_REST_HOST (127.0.0.1), PRETOUCH_ORCHESTRATOR_REST_PORT (8080)
+
+    - PRETOUCH_ORCHESTRATOR_ALLOWED_HOSTS: more names by which REST may be called, separated by commas
     """,
     "detector": "Where is it worth looking? Proposes regions of a depth image to scan.",
     "registrar": """Where is the object? Estimates the correction from the scans, and predicts what a scan would bring.
@@ -70,6 +72,15 @@ Token = Annotated[
     str | None,
     typer.Option(envvar="PRETOUCH_TOKEN", help="Bearer token that every call must carry.", show_default=False),
 ]
+TokensFile = Annotated[
+    Path | None,
+    typer.Option(
+        envvar="PRETOUCH_TOKENS_FILE",
+        help="TOML file of more tokens, each with an owner and a role (pretouch token new).",
+        show_default=False,
+    ),
+]
+OpenMetrics = Annotated[bool, typer.Option(envvar="PRETOUCH_OPEN_METRICS", help="Metrics need no token.")]
 LogLevel = Annotated[str, typer.Option(envvar="PRETOUCH_LOG_LEVEL", help="debug, info, warning or error.")]
 ServerCert = Annotated[
     Path | None, typer.Option(envvar="PRETOUCH_TLS_CERT", help="Certificate to serve TLS with.", show_default="no TLS")
@@ -96,6 +107,8 @@ def _serve(
         typer.Option(envvar="PRETOUCH_METRICS_PORT", help="Port of the Prometheus page.", show_default="off"),
     ] = None,
     token: Token = None,
+    tokens_file: TokensFile = None,
+    open_metrics: OpenMetrics = False,
     tls_cert: ServerCert = None,
     tls_key: ServerKey = None,
     tls_client_ca: ClientCa = None,
@@ -103,13 +116,33 @@ def _serve(
     max_queue: Annotated[
         int, typer.Option(envvar="PRETOUCH_MAX_QUEUE", help="CPU jobs that may wait; more are refused.")
     ] = 16,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            envvar="PRETOUCH_MEMORY",
+            help="Memory that the process may use, such as 800M or 2G.",
+            show_default="half of the machine's or the container's",
+        ),
+    ] = None,
     grace: Annotated[
         float, typer.Option(envvar="PRETOUCH_GRACE", help="Seconds that running calls get at shutdown.")
     ] = 5.0,
     log_level: LogLevel = "info",
+    watched: Annotated[
+        bool, typer.Option("--watched", help="Serve in a child process that is restarted when it hangs or ends.")
+    ] = False,
+    alive_file: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="PRETOUCH_ALIVE_FILE", help="With --watched: a file that is touched while the service serves."
+        ),
+    ] = None,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
+    health_socket: Annotated[Path | None, typer.Option(hidden=True)] = None,
 ) -> None:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy reads it: they would be beside our own
     from pretouch.serving import Settings, serve
+    from pretouch.serving.memory import choose_default_memory, parse_bytes
 
     name = str(context.info_name)
     settings = Settings(
@@ -117,19 +150,36 @@ def _serve(
         port=_PORTS[name] if port is None else port,
         metrics_port=metrics_port,
         token=token,
+        tokens_file=tokens_file,
+        open_metrics=open_metrics,
         tls_cert=tls_cert,
         tls_key=tls_key,
         tls_client_ca=tls_client_ca,
         workers=workers,
         max_queue=max_queue,
+        memory=parse_bytes(memory) if memory else choose_default_memory(),
         grace=grace,
         log_level=log_level,
+        health_socket=health_socket,
     )
+    if watched:
+        from pretouch.serving.watched import serve_watched
+
+        asyncio.run(serve_watched(name, settings, os.environ | _as_environment(context), alive_file))
+        return
     (service,) = entry_points(group="pretouch.services", name=name)
     try:
         asyncio.run(serve(name, service.load(), settings, until_stdin_closes=until_stdin_closes))
     except ModuleNotFoundError as error:
         raise _explain_missing(error, f"The {name}", name) from error
+
+
+def _as_environment(context: typer.Context) -> dict[str, str]:
+    """The command's options as the environment variables that say the same; a token is then in no list of processes."""
+    values = {
+        str(option.envvar): context.params[str(option.name)] for option in context.command.params if option.envvar
+    }
+    return {name: str(value) for name, value in values.items() if value is not None}
 
 
 def _up(
@@ -141,7 +191,9 @@ def _up(
             is_eager=True,
         ),
     ] = None,
-    host: Annotated[str, typer.Option(help="Where REST and gRPC of the orchestrator are served.")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option(envvar="PRETOUCH_HOST", help="Where REST and gRPC of the orchestrator are served.")
+    ] = "127.0.0.1",
     rest_port: Annotated[int, typer.Option(help="Port of REST; 0 for a free one.")] = 8080,
     grpc_port: Annotated[int, typer.Option(help="Port of gRPC; 0 for a free one.")] = _PORTS["orchestrator"],
     gateway_port: Annotated[
@@ -154,6 +206,8 @@ def _up(
         list[str] | None, typer.Option(help="A finger's serial port as NAME=PORT; may be repeated.")
     ] = None,
     token: Token = None,
+    tokens_file: TokensFile = None,
+    open_metrics: OpenMetrics = False,
     tls_cert: ServerCert = None,
     tls_key: ServerKey = None,
     tls_client_ca: ClientCa = None,
@@ -169,6 +223,8 @@ def _up(
         host=host,
         port=grpc_port,
         token=token,
+        tokens_file=tokens_file,
+        open_metrics=open_metrics,
         tls_cert=tls_cert,
         tls_key=tls_key,
         tls_client_ca=tls_client_ca,
@@ -206,6 +262,18 @@ def _healthcheck(
     status = health_pb2.HealthCheckResponse.ServingStatus.Name(answer.status)
     print(f"{target}: {status}")
     raise typer.Exit(0 if answer.status == health_pb2.HealthCheckResponse.SERVING else 1)
+
+
+def _new_token(
+    owner: Annotated[str, typer.Argument(help="Whose sessions calls with this token make and see.")],
+    read_only: Annotated[bool, typer.Option("--read-only", help="Calls with it may change nothing.")] = False,
+) -> None:
+    """Make a token: prints it on standard error, and its entry for PRETOUCH_TOKENS_FILE on standard output."""
+    from pretouch.serving.tokens import make_token
+
+    token, entry = make_token(owner, "read" if read_only else "full")
+    print(f"Keep this token, nothing else holds it: {token}", file=sys.stderr)
+    print(entry, end="")
 
 
 def _explain_missing(error: ModuleNotFoundError, name: str, extra: str | None) -> Unavailable | ModuleNotFoundError:
@@ -273,6 +341,10 @@ def _app(called: str | None) -> typer.Typer:
         serve.command(name, help=text)(_serve)
     app.add_typer(serve, name="serve")
     app.command("healthcheck")(_healthcheck)
+    token = typer.Typer(help="Make tokens.", no_args_is_help=True)
+    token.callback()(lambda: None)
+    token.command("new")(_new_token)
+    app.add_typer(token, name="token")
     for entry in sorted(entry_points(group="pretouch.commands"), key=lambda entry: entry.name):
         if entry.name != called:
             app.command(entry.name, help=_summary(entry))(lambda: None)

@@ -6,8 +6,10 @@
     │   ├── UnsupportedMedia    415  the body is of another type than asked for
     │   └── TooLarge            413  beyond a stated limit
     ├── Unauthenticated         401  no token, or a wrong one
+    │   └── TooManyTries        429  many wrong tokens came from this address
     ├── Forbidden               403  the token, or where the request comes from, does not allow this
     ├── NotFound                404  no such session, scan, device or page
+    │   └── UnknownScene        404  the registrar keeps no scene of this content hash: send the scene
     ├── MethodNotAllowed        405  the resource exists, the method does not
     ├── Conflict                409  the request does not fit the present state
     ├── Overloaded              429  every worker is busy: try again shortly
@@ -15,8 +17,8 @@
     ├── Unavailable             503  a service, device or proposer cannot be reached or is not ready
     └── DeadlineExceeded        504  an answer did not come in time
 
-Each error says in `detail` what was wrong and in `remedy` what to do about it; `Overloaded` and `Unavailable` say in
-`retry_after` when to try again.
+Each error says in `detail` what was wrong and in `remedy` what to do about it; `Overloaded`, `Unavailable` and
+`TooManyTries` say in `retry_after` when to try again.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ class PretouchError(Exception):
     Args:
         detail: what was wrong, with the offending value.
         remedy: what the caller can do about it.
-        retry_after: s after which the same call may succeed; None: the kind's own, `RETRY_AFTER`.
+        retry_after: s after which the same call may succeed; None: the kind's own, `RETRY_AFTER`; infinite: waiting
+            does not help.
     """
 
     RETRY_AFTER: ClassVar[float | None] = None
@@ -66,8 +69,18 @@ class TooLarge(InvalidInput):
     """Input is beyond a stated limit."""
 
 
+class RefusedForSize(TooLarge):
+    """A service is sent a larger message than gRPC lets through; repeating it will not help."""
+
+
 class Unauthenticated(PretouchError):
     """The call carries no token, or a wrong one."""
+
+
+class TooManyTries(Unauthenticated):
+    """Many wrong tokens came from this address; a right one is still accepted."""
+
+    RETRY_AFTER = 3.0
 
 
 class Forbidden(PretouchError):
@@ -76,6 +89,10 @@ class Forbidden(PretouchError):
 
 class NotFound(PretouchError):
     """There is no such session, scan, device or page."""
+
+
+class UnknownScene(NotFound):
+    """The registrar keeps no scene of the content hash that it was sent."""
 
 
 class MethodNotAllowed(PretouchError):
@@ -123,8 +140,10 @@ WIRE: dict[type[PretouchError], Wire] = {
     TooLarge: Wire("too-large", "The request is too large", 413, _C.RESOURCE_EXHAUSTED),
     InvalidInput: Wire("invalid-input", "The request is not valid", 422, _C.INVALID_ARGUMENT),
     Unauthenticated: Wire("unauthenticated", "The call is not authenticated", 401, _C.UNAUTHENTICATED),
+    TooManyTries: Wire("too-many-tries", "Too many wrong tokens", 429, _C.RESOURCE_EXHAUSTED),
     Forbidden: Wire("forbidden", "The call is not allowed", 403, _C.PERMISSION_DENIED),
     NotFound: Wire("not-found", "Not found", 404, _C.NOT_FOUND),
+    UnknownScene: Wire("unknown-scene", "The scene is not known", 404, _C.NOT_FOUND),
     MethodNotAllowed: Wire("method-not-allowed", "Method not allowed", 405, _C.UNIMPLEMENTED),
     Conflict: Wire("conflict", "The request conflicts with the present state", 409, _C.FAILED_PRECONDITION),
     Overloaded: Wire("overloaded", "The service is busy", 429, _C.RESOURCE_EXHAUSTED),
@@ -157,16 +176,20 @@ def problem(error: PretouchError) -> dict[str, Any]:
         "detail": error.detail,
         "remedy": error.remedy,
     }
-    return document if error.retry_after is None else document | {"retry_after": error.retry_after}
+    if error.retry_after is None or math.isinf(error.retry_after):
+        return document
+    return document | {"retry_after": error.retry_after}
 
 
 def from_problem(document: dict[str, Any]) -> PretouchError:
     """The error that `problem` wrote; an unknown type becomes `Internal`."""
     slug = str(document.get("type", "")).removeprefix(TYPE_PREFIX)
     kind = _BY_SLUG.get(slug, Internal)
-    retry_after = document.get("retry_after")
-    seconds = float(retry_after) if isinstance(retry_after, int | float) and 0 <= retry_after < math.inf else None
-    return kind(str(document.get("detail", "")), str(document.get("remedy", "")), seconds)
+    seconds = document.get("retry_after")
+    if not isinstance(seconds, int | float) or not 0 <= seconds < 1e9:
+        seconds = None if kind.RETRY_AFTER is None else math.inf
+    detail = str(document.get("detail") or "The service did not say what was wrong.")
+    return kind(detail, str(document.get("remedy", "")), None if seconds is None else float(seconds))
 
 
 _UNREACHABLE = (
@@ -175,17 +198,35 @@ _UNREACHABLE = (
 )
 
 
+def unreachable(detail: str) -> Unavailable:
+    """The error of a connection that cannot be made or broke; nobody said when to try again."""
+    error = Unavailable(detail, _UNREACHABLE)
+    error.retry_after = None
+    return error
+
+
 def from_rpc_error(error: grpc.RpcError) -> PretouchError:
     """The error behind a failed gRPC call: from its problem metadata, else from its status code."""
     metadata = error.trailing_metadata() if hasattr(error, "trailing_metadata") else None
     for key, value in metadata or ():
-        if key == PROBLEM_METADATA_KEY:
-            return from_problem(json.loads(value))
+        if key == PROBLEM_METADATA_KEY and (document := _read_problem(value)) is not None:
+            return from_problem(document)
     code = error.code() if hasattr(error, "code") else _C.UNKNOWN
     detail = (error.details() if hasattr(error, "details") else None) or str(error)
     if code in (_C.UNAVAILABLE, _C.CANCELLED):
-        return Unavailable(detail, _UNREACHABLE)
+        return unreachable(detail)
+    if code is _C.RESOURCE_EXHAUSTED and "larger than max" not in detail:
+        return Overloaded(detail, "Try again shortly.")
     for kind, wire in WIRE.items():
         if wire.grpc_code is code:
             return kind(detail)
     return Internal(f"{code}: {detail}")
+
+
+def _read_problem(value: bytes) -> dict[str, Any] | None:
+    """The problem document in metadata; None if it is none."""
+    try:
+        document = json.loads(value)
+    except (ValueError, RecursionError):
+        return None
+    return document if isinstance(document, dict) else None

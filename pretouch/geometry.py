@@ -24,6 +24,8 @@ QUATERNION_NORM_TOLERANCE = 1e-3
 MAX_DISTANCE = 1e6
 """m: largest distance from a frame's origin; farther away, rounding errors would exceed the precision needed."""
 _ORTHONORMAL_TOLERANCE = 1e-4
+_UNIT_TOLERANCE = 1e-12
+"""A normal whose length is within this of 1 is left as it is."""
 
 
 def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str, limit: float = np.inf) -> Array:
@@ -252,7 +254,9 @@ class Plane:
         norm = float(np.linalg.norm(normal))
         if abs(norm - 1.0) > 1e-3:
             raise InvalidInput(f"The plane normal {normal.tolist()} has norm {norm:.6g}, not 1.", "Send a unit normal.")
-        object.__setattr__(self, "normal", frozen_array(normal / norm, (3,), "plane normal"))
+        if abs(norm - 1.0) > _UNIT_TOLERANCE:  # what is read back stays equal to the bit, and its hash with it
+            normal = frozen_array(normal / norm, (3,), "plane normal")
+        object.__setattr__(self, "normal", normal)
         object.__setattr__(self, "offset", float(frozen_array(self.offset, (), "plane offset")))
 
     def height(self, points: ArrayLike) -> Array:

@@ -11,7 +11,7 @@ from pretouch.errors import InvalidInput, TooLarge
 from pretouch.geometry import MAX_DISTANCE, Array, Plane, Pose, frozen_array
 
 MAX_FACES = 1_000_000
-MAX_EXTENT = 5.0
+MAX_EXTENT = 2.0
 """m: objects on a table are smaller; a mesh in millimetres is larger."""
 _LEAST_AREA = 1e-8
 """m^2 that all triangles together must have: a tenth of a millimetre squared."""

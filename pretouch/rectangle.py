@@ -74,6 +74,10 @@ class RotatedRectangle:
         """The same rectangle, its centre moved by (du, dv) pixels."""
         return RotatedRectangle(self.x + du, self.y + dv, self.w, self.h, self.theta)
 
+    def scaled(self, factor: float) -> RotatedRectangle:
+        """The same rectangle in an image whose pixels are `factor` times as many in each direction."""
+        return RotatedRectangle(factor * self.x, factor * self.y, factor * self.w, factor * self.h, self.theta)
+
 
 @dataclass(frozen=True)
 class ProposedRegion:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
-from pretouch.geometry import Array, Plane, Pose
+from pretouch.geometry import MAX_DISTANCE, Array, Plane, Pose, frozen_array
 
 MIN_OBJECT_PIXELS = 50
 SCAN_MARGIN = 0.015
@@ -32,7 +32,8 @@ class Scene:
         table: in base by `base_T_camera`, normal away from the table.
 
     Raises:
-        InvalidInput: the mask's size is not the image's, or it holds fewer than MIN_OBJECT_PIXELS pixels with depth.
+        InvalidInput: camera or table is farther from base than MAX_DISTANCE, the mask's size is not the image's, or it
+            holds fewer than MIN_OBJECT_PIXELS pixels with depth.
     """
 
     depth: DepthImage
@@ -42,6 +43,8 @@ class Scene:
     table: Plane
 
     def __post_init__(self) -> None:
+        frozen_array(self.base_T_camera.translation, (3,), "base_T_camera", MAX_DISTANCE)
+        frozen_array(self.table.offset, (), "table.offset", MAX_DISTANCE)
         mask = np.array(self.mask, dtype=bool)
         if mask.shape != self.depth.metres.shape:
             raise InvalidInput(
@@ -93,6 +96,19 @@ class Scene:
         """The mask's bounding box (u0, v0, u1, v1), half-open."""
         u, v = (np.flatnonzero(self.mask.any(axis=axis)) for axis in (0, 1))
         return int(u[0]), int(v[0]), int(u[-1]) + 1, int(v[-1]) + 1
+
+    def subsampled(self, step: int) -> Scene:
+        """The view of every `step`-th pixel in each direction, the first one kept."""
+        if step == 1:
+            return self
+        window = np.s_[::step, ::step]
+        return Scene(
+            DepthImage(self.depth.metres[window]),
+            self.camera.subsampled(step),
+            self.base_T_camera,
+            self.mask[window],
+            self.table,
+        )
 
     def cropped(self, margin: float) -> tuple[Scene, tuple[int, int]]:
         """The view within `margin` metres of the object, at its depth, and that view's first pixel (u0, v0)."""

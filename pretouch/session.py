@@ -297,7 +297,7 @@ class Skipped:
 
     def __post_init__(self) -> None:
         if self.reason != "unreachable":
-            raise InvalidInput(f"skipped is {self.reason!r}.", 'The only reason known is "unreachable".')
+            raise InvalidInput(f"skipped is {self.reason!r:.80}.", 'The only reason known is "unreachable".')
 
 
 Submission = RangeSamples | Points | GatewaySpan | Skipped

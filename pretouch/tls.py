@@ -24,6 +24,21 @@ def server_credentials(cert: Path, key: Path, client_ca: Path | None) -> grpc.Se
     )
 
 
+def server_context(cert: Path, key: Path, client_ca: Path | None) -> ssl.SSLContext:
+    """The same for a server of Python's own.
+
+    Raises:
+        InvalidInput: a file cannot be used.
+    """
+    _pair(cert, key)
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.load_cert_chain(cert, key)
+    if client_ca is not None:
+        context.load_verify_locations(cadata=_authority(client_ca).decode())
+        context.verify_mode = ssl.CERT_REQUIRED
+    return context
+
+
 def channel_credentials(ca: Path, cert: Path | None, key: Path | None) -> grpc.ChannelCredentials:
     """A client's credentials: it trusts `ca` alone, and shows `cert` where the server asks for one.
 
@@ -38,6 +53,23 @@ def channel_credentials(ca: Path, cert: Path | None, key: Path | None) -> grpc.C
     return grpc.ssl_channel_credentials(_authority(ca), *chain)
 
 
+def client_context(ca: Path | None, cert: Path | None, key: Path | None) -> ssl.SSLContext:
+    """As `channel_credentials`, for HTTP: without `ca` it trusts the system's authorities, and `cert` may hold the key.
+
+    Raises:
+        InvalidInput: a file cannot be used, or there is a key without a certificate.
+    """
+    if ca is not None:
+        _authority(ca)
+    context = ssl.create_default_context(cafile=ca)
+    if cert is not None:
+        _pair(cert, key or cert)
+        context.load_cert_chain(cert, key)
+    elif key is not None:
+        raise InvalidInput("There is the key of a client certificate, but no certificate.", "Give both, or neither.")
+    return context
+
+
 def _pair(cert: Path, key: Path) -> tuple[bytes, bytes]:
     """The PEM bytes of a key and of its certificate chain, in gRPC's order."""
     try:
@@ -45,7 +77,7 @@ def _pair(cert: Path, key: Path) -> tuple[bytes, bytes]:
         check_regular_file(key)
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key, password=lambda: b"")
         return key.read_bytes(), cert.read_bytes()
-    except (OSError, ssl.SSLError, NotFound) as error:
+    except (OSError, ValueError, NotFound) as error:
         raise InvalidInput(
             f"The certificate {cert} with the key {key} cannot be used: {error}.",
             "Give a PEM certificate and its own unencrypted PEM key, both readable for this user.",
@@ -58,7 +90,7 @@ def _authority(path: Path) -> bytes:
         check_regular_file(path)
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(path)
         return path.read_bytes()
-    except (OSError, ssl.SSLError, NotFound) as error:
+    except (OSError, ValueError, NotFound) as error:
         raise InvalidInput(
             f"The certificate authority {path} cannot be used: {error}.", "Give a readable PEM file of certificates."
         ) from error

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from helpers.fake_upstream import FakeUpstream
+from helpers.postgresql import PostgresqlServer
+from helpers.stores import KINDS
 from hypothesis import settings
 
 settings.register_profile("untimed", deadline=None)  # how long an example takes is the machine's affair
@@ -17,3 +21,23 @@ def upstream() -> Iterator[FakeUpstream]:
     """Detector, registrar and gateway, fake and well."""
     with FakeUpstream() as fakes:
         yield fakes
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator[PostgresqlServer]:
+    """A real server, for all tests that do not stop it."""
+    try:
+        server = PostgresqlServer()
+    except (ImportError, OSError, subprocess.SubprocessError) as error:
+        pytest.skip(f"PostgreSQL cannot be started here: {error}")
+    with server:
+        yield server
+
+
+@pytest.fixture(params=KINDS)
+def store_address(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """An empty store of each kind, as `PRETOUCH_ORCHESTRATOR_STORE` names it."""
+    if request.param == "sqlite":
+        return f"sqlite:{tmp_path / 'state'}"
+    server: PostgresqlServer = request.getfixturevalue("postgresql")
+    return server.new_database()

@@ -13,15 +13,19 @@ a point in b to a; the planned poses `base_T_tip` are those of the fingertip sen
 """
 
 from pretouch.client.api import SessionPage
-from pretouch.client.asynchronous import AsyncClient
-from pretouch.client.drive import ScanPiece, drive, drive_async
+from pretouch.client.asynchronous.client import AsyncClient
+from pretouch.client.asynchronous.drive import drive_async
+from pretouch.client.asynchronous.grpc import AsyncGrpcClient
+from pretouch.client.asynchronous.rest import AsyncRestClient
 from pretouch.client.events import Event
-from pretouch.client.grpc import AsyncGrpcClient, GrpcClient
 from pretouch.client.guard import Guard
 from pretouch.client.images import ImageLike
 from pretouch.client.reflex import Reflex, add_descent
-from pretouch.client.rest import AsyncRestClient, RestClient
-from pretouch.client.synchronous import SyncClient
+from pretouch.client.synchronous.client import SyncClient
+from pretouch.client.synchronous.drive import drive
+from pretouch.client.synchronous.grpc import GrpcClient
+from pretouch.client.synchronous.rest import RestClient
+from pretouch.client.untold import ScanPiece
 
 __all__ = [
     "AsyncClient",

@@ -10,6 +10,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from pretouch.client.api import Call, ResultT, SessionApi, SessionPage
+from pretouch.client.arguments import check_id, check_key
 from pretouch.client.images import ImageLike, load_depth, load_mask
 from pretouch.errors import Conflict, Internal, InvalidInput
 from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
@@ -21,6 +22,8 @@ from pretouch.wire.session import (
     submission_to_proto,
     telling_to_proto,
 )
+
+GRPC_ADDRESS = "127.0.0.1:50050"
 
 
 @dataclass(frozen=True)
@@ -41,12 +44,14 @@ class GrpcSessionApi(SessionApi[RpcMessage, Any]):
             request,
             load_depth(depth),
             None if mask is None else load_mask(mask),
-            idempotency_key or uuid.uuid4().hex,
+            check_key(idempotency_key) or uuid.uuid4().hex,
         )
         return Call(RpcMessage("CreateSession", message), _decode_session)
 
     def session(self, session_id: str) -> Call[RpcMessage, Any, Session]:
-        return Call(RpcMessage("GetSession", pb.GetSessionRequest(session_id=session_id)), _decode_session)
+        return Call(
+            RpcMessage("GetSession", pb.GetSessionRequest(session_id=check_id("session", session_id))), _decode_session
+        )
 
     def sessions(self, limit: int, cursor: str) -> Call[RpcMessage, Any, SessionPage]:
         message = pb.ListSessionsRequest(limit=limit, cursor=cursor)
@@ -61,16 +66,21 @@ class GrpcSessionApi(SessionApi[RpcMessage, Any]):
                 )
             return session.next_scan
 
-        return Call(RpcMessage("GetSession", pb.GetSessionRequest(session_id=session_id)), decode_plan)
+        return Call(
+            RpcMessage("GetSession", pb.GetSessionRequest(session_id=check_id("session", session_id))), decode_plan
+        )
 
     def submit(self, session_id: str, scan_id: str, submission: Submission) -> Call[RpcMessage, Any, Session]:
-        return Call(RpcMessage("SubmitScan", submission_to_proto(session_id, scan_id, submission)), _decode_session)
+        message = submission_to_proto(check_id("session", session_id), check_id("scan", scan_id), submission)
+        return Call(RpcMessage("SubmitScan", message), _decode_session)
 
     def tell(self, session_id: str, scan_id: str, telling: Telling) -> Call[RpcMessage, Any, ScanProgress]:
-        return Call(RpcMessage("TellSamples", telling_to_proto(session_id, scan_id, telling)), _decode_progress)
+        message = telling_to_proto(check_id("session", session_id), check_id("scan", scan_id), telling)
+        return Call(RpcMessage("TellSamples", message), _decode_progress)
 
-    def cancel(self, session_id: str) -> Call[RpcMessage, Any, None]:
-        return Call(RpcMessage("CancelSession", pb.CancelSessionRequest(session_id=session_id)), lambda _: None)
+    def cancel(self, session_id: str, purge: bool) -> Call[RpcMessage, Any, None]:
+        request = pb.CancelSessionRequest(session_id=check_id("session", session_id), purge=purge)
+        return Call(RpcMessage("CancelSession", request), lambda _: None)
 
 
 def _decode_session(answer: Any) -> Session:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from pretouch.session import GatewaySpan, SampleChunk, ScanProgress, Skipped, Telling
+from collections.abc import AsyncGenerator, Awaitable, Generator
+from typing import Any
+
+from pretouch.session import GatewaySpan, SampleChunk, ScanProgress, Skipped, Submission, Telling
 from pretouch.tof import RangeSamples
 
 ScanPiece = RangeSamples | GatewaySpan | Skipped
 """What a robot measured since the last piece, or that it cannot follow the path any further."""
+Execution = Submission | Generator[ScanPiece, Any, Any]
+AsyncExecution = Awaitable[Submission] | AsyncGenerator[ScanPiece, Any]
+"""What a robot's function for a scan returns: what it measured, or its pieces while the tip moves."""
 NOTHING = RangeSamples.concatenate([])
 """Closes a scan of which everything was told."""
 

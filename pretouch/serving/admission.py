@@ -3,35 +3,53 @@
 from __future__ import annotations
 
 import asyncio
-import hmac
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from typing import Any
 
-from pretouch.errors import DeadlineExceeded, PretouchError, Unauthenticated, Unavailable
+from pretouch.errors import DeadlineExceeded, Overloaded, TooManyTries, Unauthenticated, Unavailable
+from pretouch.serving.caller import Caller
+from pretouch.serving.tokens import Tokens
+from pretouch.serving.tries import WrongTries
+
+MAX_CALLS = 1024
+"""gRPC calls under way at once, streams included."""
 
 
 class TokenCheck:
-    """Compares what a call or request carries as `authorization` with the service's token, in constant time."""
+    """Tells by what a call or request carries as `authorization` who makes it, and how to refuse nobody's."""
 
-    def __init__(self, token: str | None) -> None:
-        self._expected = None if token is None else f"Bearer {token}".encode()
+    def __init__(self, tokens: Tokens) -> None:
+        self._tokens = tokens
+        self._wrong_tries = WrongTries()
 
-    def refusal(self, authorization: bytes) -> Unauthenticated | None:
-        """The error for a caller with this authorization, b"" for none; None if it is accepted."""
-        if self._expected is None or hmac.compare_digest(authorization, self._expected):
-            return None
+    @property
+    def required(self) -> bool:
+        """Whether a token is asked for."""
+        return self._tokens.required
+
+    def identify(self, authorization: bytes) -> Caller | None:
+        """Who calls with this authorization, b"" for none; None if it is not accepted."""
+        return self._tokens.identify(authorization)
+
+    def refuse(self, authorization: bytes, address: str) -> Unauthenticated:
+        """The error for a call from `address` that `identify` did not accept."""
+        if authorization and (wait := self._wrong_tries.spend(address)) > 0:
+            return TooManyTries(
+                "Too many wrong tokens came from this address.", "Send the right one, which is always taken.", wait
+            )
         return Unauthenticated(
             f"The call carries {'a wrong' if authorization else 'no'} token.",
-            "Send `authorization: Bearer TOKEN` with the token that the service was started with.",
+            "Send `authorization: Bearer TOKEN` with a token that the service knows.",
         )
 
 
 class AdmissionControl:
-    """Accepts calls that carry the token while the service serves, and ends those under way when it drains."""
+    """Accepts calls while the service serves, as many as it can hold, and ends those under way when it drains."""
 
-    def __init__(self, token: str | None) -> None:
-        self._token_check = TokenCheck(token)
+    def __init__(self) -> None:
         self._closed: str | None = "The service is still warming up."
+        self._admitted: set[asyncio.Task[Any]] = set()
         self._under_way = 0
         self._empty = asyncio.Event()
         self._empty.set()
@@ -42,11 +60,15 @@ class AdmissionControl:
         """Accepts calls from now on."""
         self._closed = None
 
-    def refusal(self, authorization: str) -> PretouchError | None:
-        """The error (`Unauthenticated`, `Unavailable`) for a call with this authorization; None if it is accepted."""
-        if (refusal := self._token_check.refusal(authorization.encode())) is not None:
-            return refusal
-        return None if self._closed is None else Unavailable(self._closed, "Try again in a few seconds.")
+    def admit(self, task: asyncio.Task[Any]) -> Unavailable | Overloaded | None:
+        """None if the call that `task` serves may be read, and counts until the task ends; else the error for it."""
+        if self._closed is not None:
+            return Unavailable(self._closed, "Try again in a few seconds.")
+        if len(self._admitted) >= MAX_CALLS:
+            return Overloaded(f"{MAX_CALLS} calls are under way.", "Try again shortly.")
+        self._admitted.add(task)
+        task.add_done_callback(self._admitted.discard)
+        return None
 
     @contextmanager
     def track_call(self) -> Iterator[None]:

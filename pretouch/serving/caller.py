@@ -5,6 +5,8 @@ from __future__ import annotations
 from contextvars import ContextVar
 from dataclasses import dataclass
 
+from pretouch.errors import Forbidden
+
 
 @dataclass(frozen=True)
 class Caller:
@@ -31,3 +33,8 @@ def current_caller() -> Caller:
 def set_caller(caller: Caller) -> None:
     """Binds the caller to the present task, and to those that it starts."""
     _current.set(caller)
+
+
+def forbid_change() -> Forbidden:
+    """The error for a caller that may only read."""
+    return Forbidden("This token may only read.", "Use a token whose role is full.")

@@ -7,6 +7,9 @@ import sys
 
 import structlog
 
+from pretouch.serving.log_limits import RepeatFilter, shorten_values
+from pretouch.tracing import current_ids
+
 
 def configure_logs(service: str, level: str) -> None:
     """Sends every log line of this process to standard error as JSON with time, level, logger and context variables."""
@@ -15,13 +18,19 @@ def configure_logs(service: str, level: str) -> None:
         event["service"] = service
         return event
 
+    def add_trace(_: object, __: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+        event.update(current_ids())
+        return event
+
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         name_service,
+        add_trace,
         structlog.stdlib.add_log_level,
         structlog.stdlib.add_logger_name,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
         structlog.processors.format_exc_info,
+        shorten_values,
     ]
     structlog.configure(
         processors=[*shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
@@ -38,4 +47,5 @@ def configure_logs(service: str, level: str) -> None:
             ],
         )
     )
+    handler.addFilter(RepeatFilter())
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)

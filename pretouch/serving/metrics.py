@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from wsgiref.simple_server import WSGIServer
+from collections.abc import Iterable, Sequence
 
-from prometheus_client import (
-    CollectorRegistry,
-    Counter,
-    Gauge,
-    Histogram,
-    PlatformCollector,
-    ProcessCollector,
-    start_http_server,
-)
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, PlatformCollector, ProcessCollector
 
 _SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 
@@ -46,20 +37,3 @@ class Metrics:
     ) -> Histogram:
         """A histogram `pretouch_<service>_<name>`; the default buckets are seconds."""
         return Histogram(self._prefix + name, help, tuple(labels), registry=self.registry, buckets=buckets)
-
-
-class MetricsServer:
-    """Serves a registry over HTTP from a thread of its own, so that it answers while the service is busy."""
-
-    def __init__(self, metrics: Metrics, host: str, port: int) -> None:
-        server: WSGIServer
-        server, self._thread = start_http_server(port, host, metrics.registry)
-        self._shutdown: Callable[[], None] = server.shutdown
-        self._close: Callable[[], None] = server.server_close
-        self.port: int = server.server_port
-
-    def close(self) -> None:
-        """Ends the thread; takes up to half a second."""
-        self._shutdown()
-        self._close()
-        self._thread.join()

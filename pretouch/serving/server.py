@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
@@ -17,19 +16,29 @@ from pretouch.channel import MESSAGE_LIMITS
 from pretouch.errors import Unavailable
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.context import ServiceContext
+from pretouch.serving.exposure import warn_if_exposed
 from pretouch.serving.interceptor import CallInterceptor
-from pretouch.serving.metrics import MetricsServer
+from pretouch.serving.metrics_server import MetricsServer
+from pretouch.serving.open_files import get_connection_limit
 from pretouch.serving.settings import Settings
 from pretouch.tls import server_credentials
 
 Running = Callable[[grpc.aio.Server, ServiceContext], AbstractAsyncContextManager[tuple[str, ...]]]
 """A service: registers its servicers, warms up, yields their full names, and closes what it opened."""
 
+_METADATA_LIMIT = 16 * 1024  # bytes of a call's metadata
 _OPTIONS = (
     *MESSAGE_LIMITS,
     ("grpc.so_reuseport", 0),  # a second server on the same port fails instead of taking half of the calls
     ("grpc.keepalive_time_ms", 60_000),  # finds out that the other end of a quiet stream is gone
     ("grpc.keepalive_timeout_ms", 20_000),
+    ("grpc.http2.min_ping_interval_without_data_ms", 1_000),  # clients may do so too, as often as they like
+    ("grpc.keepalive_permit_without_calls", 1),
+    ("grpc.server_handshake_timeout_ms", 10_000),
+    ("grpc.max_connection_idle_ms", 600_000),  # without a call; no limit to the age of those with a stream
+    ("grpc.max_concurrent_streams", 1_000),
+    ("grpc.max_metadata_size", _METADATA_LIMIT),
+    ("grpc.absolute_max_metadata_size", _METADATA_LIMIT),
 )
 _SERVING = health_pb2.HealthCheckResponse.SERVING
 _NOT_SERVING = health_pb2.HealthCheckResponse.NOT_SERVING
@@ -75,25 +84,21 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
     async with AsyncExitStack() as stack:
         context = ServiceContext(name, settings)
         stack.callback(context.close)
-        admission = AdmissionControl(settings.token)
+        admission = AdmissionControl()
         registry = _Registry()
         interceptors = (CallInterceptor(context, admission),)
-        server = grpc.aio.server(handlers=(registry,), interceptors=interceptors, options=_OPTIONS)
+        options = (*_OPTIONS, ("grpc.max_allowed_incoming_connections", get_connection_limit()))
+        server = grpc.aio.server(handlers=(registry,), interceptors=interceptors, options=options)
         statuses = health.aio.HealthServicer()
         await statuses.set("", _NOT_SERVING)
         health_pb2_grpc.add_HealthServicer_to_server(statuses, server)
         port = _bind(server, settings)
         metrics_port = _serve_metrics(stack, context, settings)
-        if not settings.loopback:
-            context.log.warning(
-                "reachable from other machines",
-                host=settings.host,
-                token=settings.token is not None,
-                tls=settings.tls_cert is not None,
-            )
+        warn_if_exposed(context, "gRPC", settings.host)
         stack.push_async_callback(server.stop, None)
         await server.start()
         services = await stack.enter_async_context(running(cast(grpc.aio.Server, registry), context))
+        context.share_memory()
         names = (*services, health.SERVICE_NAME, reflection.SERVICE_NAME)
         reflection_pb2_grpc.add_ServerReflectionServicer_to_server(reflection.aio.ReflectionServicer(names), registry)
         admission.open()
@@ -113,6 +118,8 @@ def _bind(server: grpc.aio.Server, settings: Settings) -> int:
     credentials = None
     if settings.tls_cert is not None and settings.tls_key is not None:
         credentials = server_credentials(settings.tls_cert, settings.tls_key, settings.tls_client_ca)
+    if settings.health_socket is not None:
+        server.add_insecure_port(f"unix:{settings.health_socket}")
     try:
         if credentials is None:
             return int(server.add_insecure_port(address))
@@ -125,10 +132,10 @@ def _serve_metrics(stack: AsyncExitStack, context: ServiceContext, settings: Set
     if settings.metrics_port is None:
         return None
     try:
-        server = MetricsServer(context.metrics, settings.host, settings.metrics_port)
+        server = MetricsServer(context.metrics.registry, settings, context.token_check)
     except OSError as error:
         raise _cannot_listen(settings.address(settings.metrics_port)) from error
-    stack.push_async_callback(asyncio.to_thread, server.close)
+    stack.push_async_callback(context.run_briefly, server.close)
     return server.port
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pretouch.errors import InvalidInput
+from pretouch.serving.memory import choose_default_memory
 
 LOG_LEVELS = ("debug", "info", "warning", "error")
 
@@ -25,7 +26,11 @@ class Settings:
     metrics_port: int | None = None
     """Prometheus over HTTP on the same host; None is off, 0 lets the system choose."""
     token: str | None = field(default=None, repr=False)
-    """Bearer token that every call but a health check must carry; None asks for none."""
+    """Bearer token that every call but a health check must carry; None asks for none, but see `tokens_file`."""
+    tokens_file: Path | None = None
+    """More tokens, each with an owner and a role; see `pretouch.serving.tokens`."""
+    open_metrics: bool = False
+    """Whether metrics need no token."""
     tls_cert: Path | None = None
     tls_key: Path | None = None
     tls_client_ca: Path | None = None
@@ -34,11 +39,15 @@ class Settings:
     """Threads for CPU work."""
     max_queue: int = 16
     """CPU jobs that may wait for a thread; one more is refused as `Overloaded`."""
+    memory: int = field(default_factory=choose_default_memory)
+    """Bytes that the process may use; left out, half of the machine's or the container's."""
     deadline: float = 60.0
     """s, for a call with a single answer whose client set no deadline."""
     grace: float = 5.0
     """s that running calls are given to finish when the service is told to stop."""
     log_level: str = "info"
+    health_socket: Path | None = None
+    """A Unix socket on which a parent process asks for the health, besides the port."""
 
     def __post_init__(self) -> None:
         for name, port in (("port", self.port), ("metrics port", self.metrics_port or 0)):
@@ -53,6 +62,8 @@ class Settings:
                 f"There are {self.workers} workers and {self.max_queue} places in the queue.",
                 "Give at least one worker and a queue of zero or more.",
             )
+        if self.memory < 1:
+            raise InvalidInput(f"The memory is {self.memory} bytes.", "Give an amount such as 800M or 2G.")
         if not (self.deadline > 0 and self.grace >= 0):
             raise InvalidInput(
                 f"The deadline is {self.deadline} s and the grace {self.grace} s.",
@@ -67,16 +78,16 @@ class Settings:
         if self.log_level not in LOG_LEVELS:
             raise InvalidInput(f"The log level is {self.log_level!r}.", f"Choose one of {', '.join(LOG_LEVELS)}.")
 
-    @property
-    def loopback(self) -> bool:
-        """Whether only this machine can reach the service."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
-
     def address(self, port: int) -> str:
         """`host:port` as gRPC and URLs write it."""
         return f"[{self.host}]:{port}" if ":" in self.host else f"{self.host}:{port}"
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach what listens on `host`."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

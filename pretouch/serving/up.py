@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-import signal
+import secrets
 import socket
 import sys
 from collections.abc import Callable, Sequence
@@ -17,16 +17,27 @@ from typing import Any
 
 from pretouch.errors import DeadlineExceeded, InvalidInput
 from pretouch.results import check_folder
-from pretouch.serving.child import Child
+from pretouch.serving.child import READY_WITHIN, Child, serve_command
 from pretouch.serving.logs import configure_logs
-from pretouch.serving.process import call_when_stdin_closes
+from pretouch.serving.memory import find_total_memory
+from pretouch.serving.probing import PATIENT, Probing
+from pretouch.serving.process import ended_by_signals
 from pretouch.serving.settings import Settings
+from pretouch.serving.tokens import read_tokens
 from pretouch.tls import server_credentials
 
-_READY_WITHIN = 300.0  # s; a first start may compile the registrar's kernels
 _NOT_FOR_CHILDREN = {
     f"PRETOUCH_{option}"
-    for option in ("METRICS_PORT", "TLS_CERT", "TLS_KEY", "TLS_CLIENT_CA", "ORCHESTRATOR_TLS_CA", "TOKEN")
+    for option in (
+        "METRICS_PORT",
+        "TLS_CERT",
+        "TLS_KEY",
+        "TLS_CLIENT_CA",
+        "ORCHESTRATOR_TLS_CA",
+        "TOKEN",
+        "TOKENS_FILE",
+        "OPEN_METRICS",
+    )
 }
 """Variables that would clash between the children; on loopback they use no TLS."""
 
@@ -41,6 +52,7 @@ class Stack:
         rest_port, gateway_port: 0 for free ones.
         state: directory of the orchestrator's sessions.
         devices: `name=port` of each serial device, for the gateway.
+        probing: how it is found out that a service hangs.
 
     Raises:
         InvalidInput: an invalid port or device.
@@ -51,6 +63,7 @@ class Stack:
     gateway_port: int
     state: Path
     devices: Sequence[str] = ()
+    probing: Probing = PATIENT
 
     def __post_init__(self) -> None:
         ports = {"REST": self.rest_port, "gRPC": self.settings.port, "the gateway": self.gateway_port}
@@ -76,43 +89,27 @@ async def up(stack: Stack, announce: Callable[[str], None], *, until_stdin_close
     `until_stdin_closes` ends it too when standard input does, so that it cannot outlive who started it.
 
     Raises:
-        InvalidInput: TLS material that cannot be used, or a state directory that cannot be written.
+        InvalidInput: TLS material or a file of tokens that cannot be used, or a state directory that cannot be written.
         Unavailable: a service ended before it was ready.
         DeadlineExceeded: a service was not ready after five minutes.
     """
     outer = stack.settings
     if outer.tls_cert is not None and outer.tls_key is not None:
         server_credentials(outer.tls_cert, outer.tls_key, outer.tls_client_ca)
+    if outer.tokens_file is not None:
+        read_tokens(outer.tokens_file)
     check_folder(stack.state)
     configure_logs("up", outer.log_level)
-    task = asyncio.current_task()
-    assert task is not None
-    stopping = False
-
-    def stop() -> None:
-        nonlocal stopping
-        if not stopping:
-            stopping = True
-            task.cancel()
-
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop)
-    if until_stdin_closes:
-        call_when_stdin_closes(stop)
     children: list[Child] = []
     try:
-        async with asyncio.timeout(_READY_WITHIN):
-            line = await _start(stack, children)
-        announce(line)
-        await asyncio.Event().wait()
-    except asyncio.CancelledError:
-        if not stopping:
-            raise
-        task.uncancel()
+        async with ended_by_signals(until_stdin_closes=until_stdin_closes):
+            async with asyncio.timeout(READY_WITHIN):
+                line = await _start(stack, children)
+            announce(line)
+            await asyncio.Event().wait()
     except TimeoutError as error:
         raise DeadlineExceeded(
-            f"The services were not ready after {_READY_WITHIN:g} s.", "Try again with --log-level info and see why."
+            f"The services were not ready after {READY_WITHIN:g} s.", "Try again with --log-level info and see why."
         ) from error
     finally:
         while children:  # the orchestrator first: it calls the others
@@ -124,12 +121,14 @@ async def _start(stack: Stack, children: list[Child]) -> str:
     """Starts the children, each as soon as what it needs is there; the ready line."""
     common = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
     common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core logs every peer that leaves, in its own format
+    common.setdefault("PRETOUCH_MEMORY", str(find_total_memory() // 4))
     common["PRETOUCH_LOG_LEVEL"] = "debug" if stack.settings.log_level == "debug" else "info"
-    if stack.settings.token is not None:
-        common["PRETOUCH_TOKEN"] = stack.settings.token
+    common |= _pass_tokens_on(stack.settings)
 
     def start(name: str, host: str, port: int, own: dict[str, str]) -> Child:
-        child = Child(name, host, port, common | own, _forward(stack.settings.log_level))
+        command = serve_command(name, "--host", host)
+        forward = _forward(stack.settings.log_level)
+        child = Child(name, command, port, common | own, forward, probing=stack.probing)
         children.append(child)
         return child
 
@@ -146,12 +145,24 @@ async def _start(stack: Stack, children: list[Child]) -> str:
     own |= {name.upper(): address for name, address in addresses.items()}
     tls = {"CERT": outer.tls_cert, "KEY": outer.tls_key, "CLIENT_CA": outer.tls_client_ca}
     variables = {f"PRETOUCH_ORCHESTRATOR_{key}": value for key, value in own.items()}
+    if outer.open_metrics:
+        variables["PRETOUCH_OPEN_METRICS"] = "1"
     variables |= {f"PRETOUCH_TLS_{key}": str(path) for key, path in tls.items() if path is not None}
     orchestrator = start("orchestrator", outer.host, outer.port, variables)
     grpc_port = await orchestrator.wait_until_ready()
     reachable = replace(outer, host=_reachable_address(outer.host))
     rest = f"{'http' if outer.tls_cert is None else 'https'}://{reachable.address(rest_port)}"
     return f"pretouch is ready: REST {rest}, gRPC {reachable.address(grpc_port)}, gateway {addresses['gateway']}"
+
+
+def _pass_tokens_on(settings: Settings) -> dict[str, str]:
+    """The children's variables: they know the same tokens, and one by which the orchestrator calls the others."""
+    if settings.tokens_file is None:
+        return {} if settings.token is None else {"PRETOUCH_TOKEN": settings.token}
+    return {
+        "PRETOUCH_TOKENS_FILE": str(settings.tokens_file.absolute()),
+        "PRETOUCH_TOKEN": settings.token or secrets.token_urlsafe(32),
+    }
 
 
 def _reachable_address(host: str) -> str:

@@ -50,7 +50,7 @@ class OrchestratorServiceStub:
     TellSamples: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.TellSamplesRequest, _orchestrator_pb2.TellSamplesResponse]
     """Takes samples of a scan while the robot moves, and says whether they are enough. Repeating a chunk changes nothing."""
     CancelSession: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.CancelSessionRequest, _orchestrator_pb2.CancelSessionResponse]
-    """Cancels a session; one that has ended keeps its state."""
+    """Cancels a session at once, whatever step is under way; one that has ended keeps its state."""
     StreamEvents: _grpc.UnaryStreamMultiCallable[_orchestrator_pb2.StreamEventsRequest, _orchestrator_pb2.StreamEventsResponse]
     """Streams the session's events, from its start or after an id, until it ends."""
     RunSession: _grpc.StreamStreamMultiCallable[_orchestrator_pb2.RunSessionRequest, _orchestrator_pb2.RunSessionResponse]
@@ -76,7 +76,7 @@ class OrchestratorServiceAsyncStub(OrchestratorServiceStub):
     TellSamples: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.TellSamplesRequest, _orchestrator_pb2.TellSamplesResponse]  # type: ignore[assignment]
     """Takes samples of a scan while the robot moves, and says whether they are enough. Repeating a chunk changes nothing."""
     CancelSession: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.CancelSessionRequest, _orchestrator_pb2.CancelSessionResponse]  # type: ignore[assignment]
-    """Cancels a session; one that has ended keeps its state."""
+    """Cancels a session at once, whatever step is under way; one that has ended keeps its state."""
     StreamEvents: _aio.UnaryStreamMultiCallable[_orchestrator_pb2.StreamEventsRequest, _orchestrator_pb2.StreamEventsResponse]  # type: ignore[assignment]
     """Streams the session's events, from its start or after an id, until it ends."""
     RunSession: _aio.StreamStreamMultiCallable[_orchestrator_pb2.RunSessionRequest, _orchestrator_pb2.RunSessionResponse]  # type: ignore[assignment]
@@ -135,7 +135,7 @@ class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
         request: _orchestrator_pb2.CancelSessionRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_orchestrator_pb2.CancelSessionResponse, _abc.Awaitable[_orchestrator_pb2.CancelSessionResponse]]:
-        """Cancels a session; one that has ended keeps its state."""
+        """Cancels a session at once, whatever step is under way; one that has ended keeps its state."""
 
     @_abc_1.abstractmethod
     def StreamEvents(

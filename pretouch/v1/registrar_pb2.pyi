@@ -61,8 +61,11 @@ class RegisterRequest(_message.Message):
 
     SCENE_FIELD_NUMBER: _builtins.int
     MESH_FIELD_NUMBER: _builtins.int
+    SCENE_DIGEST_FIELD_NUMBER: _builtins.int
     SCANS_FIELD_NUMBER: _builtins.int
     SETTINGS_FIELD_NUMBER: _builtins.int
+    scene_digest: _builtins.bytes
+    """32 bytes: the content hash of a scene that the registrar was sent before."""
     @_builtins.property
     def scene(self) -> _common_pb2.Scene:
         """What the camera saw."""
@@ -73,7 +76,7 @@ class RegisterRequest(_message.Message):
 
     @_builtins.property
     def scans(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Scan]:
-        """All scans so far, in any order; beams in base."""
+        """All scans so far, in any order, of at most 400,000 samples together; beams in base."""
 
     @_builtins.property
     def settings(self) -> Global___RegistrationSettings:
@@ -84,14 +87,15 @@ class RegisterRequest(_message.Message):
         *,
         scene: _common_pb2.Scene | None = ...,
         mesh: _common_pb2.MeshTarget | None = ...,
+        scene_digest: _builtins.bytes = ...,
         scans: _abc.Iterable[_common_pb2.Scan] | None = ...,
         settings: Global___RegistrationSettings | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scene", b"scene", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scene", b"scene", "scene_digest", b"scene_digest", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scans", b"scans", "scene", b"scene", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scans", b"scans", "scene", b"scene", "scene_digest", b"scene_digest", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene", "mesh"]  # noqa: Y015
+    _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene", "mesh", "scene_digest"]  # noqa: Y015
     _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_target) -> _WhichOneofReturnType_target | None: ...
 
@@ -287,9 +291,12 @@ class PredictScansRequest(_message.Message):
 
     SCENE_FIELD_NUMBER: _builtins.int
     MESH_FIELD_NUMBER: _builtins.int
+    SCENE_DIGEST_FIELD_NUMBER: _builtins.int
     SCANS_FIELD_NUMBER: _builtins.int
     SETTINGS_FIELD_NUMBER: _builtins.int
     CANDIDATES_FIELD_NUMBER: _builtins.int
+    scene_digest: _builtins.bytes
+    """32 bytes: the content hash of a scene that the registrar was sent before."""
     @_builtins.property
     def scene(self) -> _common_pb2.Scene:
         """What the camera saw."""
@@ -300,7 +307,7 @@ class PredictScansRequest(_message.Message):
 
     @_builtins.property
     def scans(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Scan]:
-        """All scans so far; beams in base."""
+        """All scans so far, of at most 400,000 samples together; beams in base."""
 
     @_builtins.property
     def settings(self) -> Global___RegistrationSettings:
@@ -315,15 +322,16 @@ class PredictScansRequest(_message.Message):
         *,
         scene: _common_pb2.Scene | None = ...,
         mesh: _common_pb2.MeshTarget | None = ...,
+        scene_digest: _builtins.bytes = ...,
         scans: _abc.Iterable[_common_pb2.Scan] | None = ...,
         settings: Global___RegistrationSettings | None = ...,
         candidates: _abc.Iterable[Global___CandidatePath] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scene", b"scene", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scene", b"scene", "scene_digest", b"scene_digest", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["candidates", b"candidates", "mesh", b"mesh", "scans", b"scans", "scene", b"scene", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["candidates", b"candidates", "mesh", b"mesh", "scans", b"scans", "scene", b"scene", "scene_digest", b"scene_digest", "settings", b"settings", "target", b"target"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene", "mesh"]  # noqa: Y015
+    _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene", "mesh", "scene_digest"]  # noqa: Y015
     _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_target) -> _WhichOneofReturnType_target | None: ...
 

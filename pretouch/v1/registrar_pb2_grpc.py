@@ -26,8 +26,8 @@ if _version_not_supported:
 
 
 class RegistrarServiceStub:
-    """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
-    hash.
+    """Registers scans to what the camera saw. It holds no session state: recent scenes and their models are cached by content
+    hash. A client sends `scene_digest`, and the scene itself where that is answered with the problem `unknown-scene`.
     """
 
     def __init__(self, channel):
@@ -54,8 +54,8 @@ class RegistrarServiceStub:
 
 
 class RegistrarServiceServicer:
-    """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
-    hash.
+    """Registers scans to what the camera saw. It holds no session state: recent scenes and their models are cached by content
+    hash. A client sends `scene_digest`, and the scene itself where that is answered with the problem `unknown-scene`.
     """
 
     def Register(self, request, context):
@@ -107,8 +107,8 @@ def add_RegistrarServiceServicer_to_server(servicer, server):
 
  # This class is part of an EXPERIMENTAL API.
 class RegistrarService:
-    """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
-    hash.
+    """Registers scans to what the camera saw. It holds no session state: recent scenes and their models are cached by content
+    hash. A client sends `scene_digest`, and the scene itself where that is answered with the problem `unknown-scene`.
     """
 
     @staticmethod

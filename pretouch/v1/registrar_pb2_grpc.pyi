@@ -27,8 +27,8 @@ GRPC_GENERATED_VERSION: str
 GRPC_VERSION: str
 
 class RegistrarServiceStub:
-    """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
-    hash.
+    """Registers scans to what the camera saw. It holds no session state: recent scenes and their models are cached by content
+    hash. A client sends `scene_digest`, and the scene itself where that is answered with the problem `unknown-scene`.
     """
 
     @_typing.overload
@@ -46,8 +46,8 @@ class RegistrarServiceStub:
 
 @_typing.type_check_only
 class RegistrarServiceAsyncStub(RegistrarServiceStub):
-    """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
-    hash.
+    """Registers scans to what the camera saw. It holds no session state: recent scenes and their models are cached by content
+    hash. A client sends `scene_digest`, and the scene itself where that is answered with the problem `unknown-scene`.
     """
 
     def __init__(self, channel: _aio.Channel) -> None: ...
@@ -61,8 +61,8 @@ class RegistrarServiceAsyncStub(RegistrarServiceStub):
     """
 
 class RegistrarServiceServicer(metaclass=_abc_1.ABCMeta):
-    """Registers scans to what the camera saw. It holds no session state: models of recent scenes are cached by content
-    hash.
+    """Registers scans to what the camera saw. It holds no session state: recent scenes and their models are cached by content
+    hash. A client sends `scene_digest`, and the scene itself where that is answered with the problem `unknown-scene`.
     """
 
     @_abc_1.abstractmethod

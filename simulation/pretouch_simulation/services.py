@@ -33,6 +33,8 @@ class Services:
     Attributes:
         rest: URL of the REST API.
         grpc, gateway: host:port of the orchestrator and of the sensor gateway.
+        log: file of what they log.
+        pid: process id of `pretouch up`, whose children they are.
     """
 
     def __init__(self, devices: Sequence[str] = (), environment: Mapping[str, str] | None = None) -> None:
@@ -40,6 +42,8 @@ class Services:
         self._environment = {**os.environ, **(environment or {})}
         self._stack = ExitStack()
         self.rest = self.grpc = self.gateway = ""
+        self.log = Path()
+        self.pid = 0
 
     def __enter__(self) -> Self:
         """Starts the services and waits until they are ready.
@@ -50,7 +54,7 @@ class Services:
         """
         with self._stack:
             state = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="pretouch-")))
-            log = state / "services.log"
+            self.log = log = state / "services.log"
             options = ["--rest-port", "0", "--grpc-port", "0", "--gateway-port", "0", "--state", str(state / "state")]
             options += [part for device in self._devices for part in ("--device", device)]
             errors = self._stack.enter_context(log.open("wb"))
@@ -64,6 +68,7 @@ class Services:
                     start_new_session=True,  # a Ctrl-C is the demo's, which ends them in order
                 )
                 self._stack.callback(_end, process)
+            self.pid = process.pid
             ready = _READY.search(_first_line(process, log))
             if ready is None:
                 raise Unavailable(f"The services did not start: {_last_of(log)}", "Mend what they say.")

@@ -164,7 +164,8 @@ def _table(record: Record, image: OwnImage) -> Table:
 
 def _bounds(record: Record) -> tuple[int, int, int, int]:
     """The object's bounding box (u0, v0, u1, v1) in the image, half-open."""
-    (u0, v0), (left, top, right, bottom) = record.origin, record.scene.bounds()
+    (u0, v0), step = record.origin, record.step
+    left, top, right, bottom = (step * edge for edge in record.scene.bounds())
     return u0 + left, v0 + top, u0 + right, v0 + bottom
 
 

@@ -50,10 +50,11 @@ def save_try_picture(record: Record, depth: DepthImage, path: Path) -> None:
 def _draw_image(figure: Any, axes: Any, record: Record, depth: DepthImage) -> None:
     import matplotlib as mpl
 
-    u0, v0 = record.origin
+    (u0, v0), step = record.origin, record.step
     mask = np.zeros(depth.metres.shape, dtype=bool)
-    height, width = record.scene.mask.shape
-    mask[v0 : v0 + height, u0 : u0 + width] = record.scene.mask
+    seen = record.scene.mask.repeat(step, axis=0).repeat(step, axis=1)
+    window = mask[v0 : v0 + len(seen), u0 : u0 + seen.shape[1]]
+    window[:] = seen[: len(window), : window.shape[1]]
     near, far = np.quantile(depth.metres[mask], (0.01, 0.99))
     shown = np.where(depth.metres > 0, depth.metres, np.nan)
     axes.imshow(shown, cmap="Greys", vmin=near - 0.08, vmax=far + 0.08)

@@ -5,18 +5,14 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
-import subprocess
-import time
+import signal
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
-from helpers.processes import free_port
+from helpers.deployment import SECONDS, SERVICES, TOKEN, Deployment, run
 from helpers.scenes import Box, View, World
 from pretouch_detector.proposals import list_readiness
 
@@ -28,95 +24,6 @@ from pretouch.tof import RangeSamples, Sensor
 from pretouch.wire.json import session_to_json
 
 pytestmark = pytest.mark.timeout(2400)  # a first build fetches every package
-REPOSITORY = Path(__file__).parents[2]
-ENGINE = Path(os.environ.get("PRETOUCH_SHARED", REPOSITORY.parent / "shared")) / "tools" / "docker-engine"
-SERVICES = ("detector", "registrar", "gateway", "orchestrator")
-TOKEN = "a token for this test"
-SECONDS = 60
-
-
-def run(*command: str | Path, seconds: float = SECONDS, check: bool = True, **environment: str) -> str:
-    """Standard output of a command; its standard error goes into the failure."""
-    result = subprocess.run(
-        [str(word) for word in command],
-        capture_output=True,
-        text=True,
-        timeout=seconds,
-        env=os.environ | environment,
-        cwd=REPOSITORY,
-        check=False,
-    )
-    assert not check or result.returncode == 0, f"{command}: {result.stdout[-3000:]}{result.stderr[-3000:]}"
-    return result.stdout
-
-
-def succeeds(*command: str) -> bool:
-    try:
-        return subprocess.run(command, capture_output=True, timeout=SECONDS, check=False).returncode == 0
-    except OSError:
-        return False
-
-
-@pytest.fixture(scope="module")
-def engine() -> Iterator[None]:
-    """A Docker engine: the machine's own, or one that is started for this test and ended after it."""
-    there = succeeds("docker", "info")
-    if ENGINE.exists() and os.geteuid() == 0:
-        run(ENGINE, seconds=1200)
-    elif not there:
-        pytest.skip(f"no Docker engine runs here, and {ENGINE} is not there or may not start one (needs root)")
-    yield
-    if not there:
-        run(ENGINE, "stop")
-
-
-@pytest.fixture(scope="module")
-def compose(engine: None) -> Sequence[str]:
-    """The compose command of this machine."""
-    if succeeds("docker", "compose", "version"):
-        return ("docker", "compose")
-    if shutil.which("docker-compose"):
-        return ("docker-compose",)
-    pytest.skip("there is neither `docker compose` nor docker-compose")
-
-
-class Deployment:
-    """The running stack under a project name of its own, on free ports."""
-
-    def __init__(self, compose: Sequence[str]) -> None:
-        self.rest_port, self.grpc_port = free_port(), free_port()
-        self.rest = f"http://127.0.0.1:{self.rest_port}"
-        self._compose = (*compose, "--project-name", f"pretouch-test-{os.getpid()}")
-        self._variables = {
-            "PRETOUCH_TOKEN": TOKEN,
-            "PRETOUCH_REST_PORT": str(self.rest_port),
-            "PRETOUCH_GRPC_PORT": str(self.grpc_port),
-        }
-
-    def do(self, *arguments: str, seconds: float = SECONDS) -> str:
-        return run(*self._compose, *arguments, seconds=seconds, **self._variables)
-
-    def container(self, service: str) -> str:
-        return self.do("ps", "-q", service).strip()
-
-    def inspected(self, service: str) -> dict[str, Any]:
-        description: dict[str, Any] = json.loads(run("docker", "inspect", self.container(service)))[0]
-        return description
-
-    def inside(self, service: str, script: str) -> str:
-        return run("docker", "exec", self.container(service), "sh", "-c", script)
-
-    def healthy(self) -> bool:
-        """The engine asks at intervals, so it may say so later than the services themselves."""
-        return all(self.inspected(service)["State"]["Health"]["Status"] == "healthy" for service in SERVICES)
-
-    def wait_until_ready(self) -> None:
-        for _ in range(10 * SECONDS):
-            with suppress(httpx.HTTPError):
-                if httpx.get(f"{self.rest}/readyz", timeout=SECONDS).status_code == 200 and self.healthy():
-                    return
-            time.sleep(0.1)
-        raise AssertionError(self.do("logs", "--tail", "20"))
 
 
 @pytest.fixture(scope="module")
@@ -204,6 +111,24 @@ def test_a_container_runs_without_privileges_on_a_read_only_root(stack: Deployme
         "refused",
         "kept",
     ]
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_a_container_is_bounded_in_memory_processes_cpu_and_logs(stack: Deployment, service: str) -> None:
+    host = stack.inspected(service)["HostConfig"]
+    assert 0 < host["Memory"] <= 4 * 2**30
+    assert 0 < host["PidsLimit"] <= 512
+    assert host["NanoCpus"] > 0
+    assert host["LogConfig"]["Config"].keys() == {"max-size", "max-file"}
+    assert host["Init"] is True
+
+
+def test_a_service_that_hangs_in_its_container_is_started_again(stack: Deployment) -> None:
+    stopped = stack.service_pid("registrar")
+    os.kill(stopped, signal.SIGSTOP)
+    stack.wait_until(lambda: stack.service_pid("registrar") not in (stopped, 0))
+    stack.wait_until_ready()
+    assert stack.inspected("registrar")["RestartCount"] == 0, "its supervisor did it, not the engine"
 
 
 @pytest.mark.parametrize("service", ["detector", "registrar"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from helpers.creation import files, image, message, npy
 from helpers.problems import check, over_grpc, over_rest
 from helpers.processes import Orchestrator
 
+from pretouch.camera import decode_depth
 from pretouch.client import GrpcClient, RestClient
 from pretouch.errors import InvalidInput, Malformed, TooLarge
 
@@ -74,6 +76,59 @@ def test_an_array_file_that_is_damaged_is_malformed(orchestrator: Orchestrator) 
     bomb = whole.replace(b"(240, 320)", b"(2400000, 3200000)".ljust(10))
     document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=bomb))
     assert document["status"] in (400, 413)
+
+
+@pytest.mark.parametrize(
+    ("shape", "status"),
+    [
+        ("True, 4", 422),
+        ("0, 99999999999999999999999", 422),
+        ("-2000, -2000", 422),
+        ("2000, 2000", 400),
+        ("9999, 9999", 413),
+    ],
+)
+def test_an_array_file_of_a_shape_that_cannot_be_is_refused(
+    shape: str, status: int, orchestrator: Orchestrator
+) -> None:
+    header = f"{{'descr': '<u2', 'fortran_order': False, 'shape': ({shape}), }}".ljust(117) + "\n"
+    depth = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(8)
+    document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(depth=depth))
+    assert document["status"] == status, document
+
+
+def test_an_array_file_in_the_order_of_columns_is_read_as_what_it_is() -> None:
+    np.testing.assert_array_equal(decode_depth(npy(np.asfortranarray(DEPTH))), DEPTH)
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+
+
+def header(side: int) -> bytes:
+    return chunk(b"IHDR", 2 * side.to_bytes(4, "big") + b"\x10\x00\x00\x00\x00")
+
+
+@pytest.mark.parametrize(
+    ("chunks", "status"),
+    [
+        ([header(50_000)], 413),
+        ([chunk(b"tEXt", b"k\0" + bytes(20)), header(12_000)], 400),
+        ([header(10), header(12_000)], 400),
+        ([header(10), *[chunk(b"tEXt", b"k\0v")] * 100_000], 400),
+        ([header(10), chunk(b"iCCP", b"k\0\0" + zlib.compress(bytes(50_000_000)))], 400),
+    ],
+)
+def test_a_png_that_unpacks_to_much_more_is_refused(
+    chunks: list[bytes], status: int, orchestrator: Orchestrator
+) -> None:
+    pixels = chunk(b"IDAT", zlib.compress(bytes(12_000 * 24_001)))
+    depth = b"\x89PNG\r\n\x1a\n" + b"".join(chunks) + pixels + chunk(b"IEND", b"")
+    before = orchestrator.peak_memory()
+    for part in ("depth", "mask"):
+        document, _ = over_rest(orchestrator, "POST", "/v1/sessions", files=files(**{part: depth}))
+        assert document["status"] == status, document
+    assert orchestrator.peak_memory() - before < 100 << 20
 
 
 def test_a_gigabyte_is_refused_before_it_is_read(orchestrator: Orchestrator) -> None:

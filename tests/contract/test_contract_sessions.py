@@ -216,6 +216,28 @@ async def test_sessions_are_listed_in_pages(client: Any) -> None:
     assert len(listed) == len(set(listed))
 
 
+@pytest.mark.parametrize("limit", [0, -1, 201, 2**31, 2**70])
+async def test_a_limit_that_is_none_is_refused(limit: int, client: Any) -> None:
+    with pytest.raises(InvalidInput):
+        await client.sessions(limit)
+
+
+@pytest.mark.parametrize("cursor", ["x", "-1", "²", "9" * 19, "\0", "1 "])
+async def test_a_cursor_that_is_none_is_refused(cursor: str, client: Any) -> None:
+    with pytest.raises(InvalidInput):
+        await client.sessions(5, cursor)
+
+
+async def test_a_hundred_event_streams_leave_room_for_a_call(client: Any) -> None:
+    session = await client.create_session(roomy, DEPTH, MASK)
+    streams = [client.events(session.id) for _ in range(120)]
+    heard = [await anext(stream) for stream in streams]
+    assert {event.type for event in heard} == {"session"}
+    assert (await client.session(session.id)).id == session.id
+    for stream in streams:
+        await stream.aclose()
+
+
 async def test_events_tell_the_session_from_its_start_and_resume(client: Any) -> None:
     session = await client.create_session(request(budget=Budget(scans=1, seconds=1e5, fraction=1.0)), DEPTH, MASK)
     await client.submit(session.id, session.next_scan.scan_id, measured(session.next_scan))

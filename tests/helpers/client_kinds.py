@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
-from typing import Any
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Generator
+from contextlib import asynccontextmanager, closing
+from typing import Any, cast
 
 from pretouch.client import AsyncGrpcClient, AsyncRestClient, GrpcClient, RestClient, SyncClient
 from pretouch.client.events import Event
@@ -28,9 +28,11 @@ class Threaded:
 
         return call
 
-    async def events(self, session_id: str, after: int = 0) -> AsyncIterator[Event]:
-        for event in await asyncio.to_thread(lambda: list(self._client.events(session_id, after))):
-            yield event
+    async def events(self, session_id: str, after: int = 0) -> AsyncGenerator[Event]:
+        events = self._client.events(session_id, after)
+        with closing(cast(Generator[Event], events)):
+            while (event := await asyncio.to_thread(next, events, None)) is not None:
+                yield event
 
     async def all_sessions(self) -> AsyncIterator[Session]:
         for session in await asyncio.to_thread(lambda: list(self._client.all_sessions())):

@@ -30,7 +30,15 @@ import numpy as np
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 
 from helpers.unimplemented import unimplemented
-from pretouch.errors import PROBLEM_METADATA_KEY, NotFound, PretouchError, Unavailable, problem, wire_of
+from pretouch.errors import (
+    PROBLEM_METADATA_KEY,
+    NotFound,
+    PretouchError,
+    Unavailable,
+    UnknownScene,
+    problem,
+    wire_of,
+)
 from pretouch.estimate import Estimate, Prior, from_prior, point_error
 from pretouch.geometry import Pose
 from pretouch.rectangle import RotatedRectangle
@@ -225,21 +233,32 @@ class _Registrar(registrar_pb2_grpc.RegistrarServiceServicer):
 
     def __init__(self, upstream: FakeUpstream) -> None:
         self.upstream = upstream
+        self.scenes: dict[bytes, Scene] = {}
 
-    def _estimate(self, request: Any) -> Estimate:
+    def _find_scene(self, request: Any, context: grpc.ServicerContext) -> Scene:
+        if request.WhichOneof("target") == "scene":
+            scene = wire.scene_from_proto(request.scene)
+            self.scenes[scene.digest] = scene
+            return scene
+        if request.scene_digest not in self.scenes:
+            refuse(context, UnknownScene("The scene is not known.", "Send it."))
+        return self.scenes[request.scene_digest]
+
+    def _estimate(self, request: Any, context: grpc.ServicerContext) -> Estimate:
+        scene = self._find_scene(request, context)
         scans = [wire.scan_from_proto(scan) for scan in request.scans]
         used = [scan for scan in scans if len(scan)]
         prior = wire.prior_from_proto(request.settings.prior)
-        answer = estimate(wire.scene_from_proto(request.scene), len(used), sum(map(len, used)), prior)
+        answer = estimate(scene, len(used), sum(map(len, used)), prior)
         return self.upstream.changed(answer) if used else answer
 
     def Register(self, request: Any, context: grpc.ServicerContext) -> registrar_pb2.RegisterResponse:
         self.upstream.enter("Register", request, context)
-        return registrar_pb2.RegisterResponse(estimate=wire.estimate_to_proto(self._estimate(request)))
+        return registrar_pb2.RegisterResponse(estimate=wire.estimate_to_proto(self._estimate(request, context)))
 
     def PredictScans(self, request: Any, context: grpc.ServicerContext) -> registrar_pb2.PredictScansResponse:
         self.upstream.enter("PredictScans", request, context)
-        present = self._estimate(request).expected_error
+        present = self._estimate(request, context).expected_error
         pieces = range(sum(max(1, len(candidate.spans)) for candidate in request.candidates))
         return registrar_pb2.PredictScansResponse(
             expected_errors=[present * min(0.99, 0.5 + 0.05 * k) for k in pieces], expected_returns=[1.0] * len(pieces)

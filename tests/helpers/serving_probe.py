@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
-import sys
 import threading
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -16,6 +17,7 @@ from google.protobuf.message import Message
 from google.protobuf.wrappers_pb2 import BytesValue, StringValue
 
 from pretouch import errors
+from pretouch.cancellation import check_cancelled
 from pretouch.serving import ServiceContext, Settings, serve
 
 SERVICE = "test.Probe"
@@ -39,10 +41,14 @@ class Probe:
                 raise errors.InvalidInput("ä" * 100_000, "ö" * 100_000)
             case ["abort"]:
                 await context.abort(grpc.StatusCode.DATA_LOSS, "by hand")
+            case ["block"]:
+                time.sleep(3600)  # noqa: ASYNC251 - the event loop's deadlock is what is wanted
             case ["forever"]:
                 await asyncio.Event().wait()
             case ["spin", seconds]:
                 await self._context.run_in_thread(_spin, float(seconds))
+            case ["grind"]:
+                await self._context.run_in_thread(_grind)
             case ["hold"]:
                 await self._context.run_in_thread(self.release.wait, 30)
             case ["release"]:
@@ -88,6 +94,11 @@ def _spin(seconds: float) -> None:
         sum(range(1000))
 
 
+def _grind() -> None:
+    while True:
+        check_cancelled()
+
+
 @asynccontextmanager
 async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
     probe = Probe(context)
@@ -129,4 +140,11 @@ class Stub:
 
 
 if __name__ == "__main__":
-    asyncio.run(serve("probe", running, Settings(grace=float(sys.argv[1])), until_stdin_closes="--stdin" in sys.argv))
+    parser = argparse.ArgumentParser()
+    parser.add_argument("grace", type=float)
+    parser.add_argument("--port", type=int, default=0)
+    parser.add_argument("--health-socket", type=Path)
+    parser.add_argument("--until-stdin-closes", action="store_true")
+    given = parser.parse_args()
+    settings = Settings(grace=given.grace, port=given.port, health_socket=given.health_socket)
+    asyncio.run(serve("probe", running, settings, until_stdin_closes=given.until_stdin_closes))

@@ -293,7 +293,7 @@ def test_pages_that_do_not_exist_and_methods_that_do_not_fit_are_problems(rest: 
     assert_problem(rest.get("/v1/sessions/"), 404)
     answer = rest.put("/v1/sessions")
     assert_problem(answer, 405, "PUT")
-    assert answer.headers["allow"] == "GET, POST"
+    assert answer.headers["allow"] == "GET, HEAD, POST"
 
 
 def test_a_body_beyond_the_limit_is_refused_unread(rest: httpx.Client, orchestrator: Orchestrator) -> None:

@@ -61,6 +61,23 @@ async def failure(call: Any) -> errors.PretouchError:
     return errors.from_rpc_error(caught.value)
 
 
+async def test_bytes_that_are_no_message_are_malformed(caplog: pytest.LogCaptureFixture) -> None:
+    async with probe() as (_, service), open_channel(f"127.0.0.1:{service.port}") as channel:
+        for name, kind in (
+            ("unary", "unary_unary"),
+            ("gathered", "stream_unary"),
+            ("counted", "unary_stream"),
+            ("echoed", "stream_stream"),
+        ):
+            for data in (b"\xff", b"\x0a\x02\xff\xff"):  # not the wire format; a string that is not UTF-8
+                method = getattr(channel, kind)(f"/{SERVICE}/{name.capitalize()}")
+                call = method(iter([data]) if kind.startswith("stream") else data, timeout=TIMEOUT)
+                error = await failure(call if kind.endswith("unary") else call.read())
+                assert isinstance(error, errors.Malformed), name
+                assert error.remedy
+    assert "Traceback" not in caplog.text
+
+
 async def test_all_kinds_of_call_carry_the_token() -> None:
     async with probe("s3cret") as (stub, _):
         assert (await stub.unary(text("hello"), timeout=TIMEOUT)).value == "hello"
@@ -193,6 +210,26 @@ async def _call(stub: Stub, request: str) -> str:
     return (await stub.unary(text(request), timeout=TIMEOUT)).value
 
 
+@pytest.mark.parametrize("end", ["the client's deadline", "the service's deadline", "the client hangs up"])
+async def test_a_thread_is_free_again_once_nobody_waits_for_its_work(end: str) -> None:
+    async with probe(workers=1, deadline=0.3 if "service" in end else 60.0) as (stub, service):
+        call = stub.unary(text("grind"), timeout=0.3 if end == "the client's deadline" else None)
+        if end == "the client hangs up":
+            await eventually(lambda: value(service.context, "calls_in_flight") == 1)
+            call.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await call
+        else:
+            assert isinstance(await failure(call), errors.DeadlineExceeded)
+        assert (await stub.unary(text("spin:0"), timeout=TIMEOUT)).value == "spin:0"
+
+
+async def test_a_request_that_is_no_message_of_its_type_is_malformed() -> None:
+    async with probe() as (_, service), open_channel(f"127.0.0.1:{service.port}") as channel:
+        call = channel.unary_unary(f"/{SERVICE}/Unary", bytes, StringValue.FromString)
+        assert isinstance(await failure(call(b"\xff\xff\xff", timeout=TIMEOUT)), errors.Malformed)
+
+
 async def test_health_answers_while_every_worker_is_busy() -> None:
     async with probe(workers=2) as (stub, service), open_channel(f"127.0.0.1:{service.port}") as channel:
         busy = [asyncio.create_task(_call(stub, "spin:1")) for _ in range(2)]
@@ -313,11 +350,37 @@ async def test_a_taken_port_is_a_clear_error() -> None:
                     pass
 
 
-async def test_serving_other_machines_is_said_in_a_warning() -> None:
+@pytest.mark.parametrize(("token", "said"), [(None, ["anyone", "unencrypted"]), ("t", ["unencrypted"])])
+async def test_what_is_open_to_other_machines_is_said_in_warnings(token: str | None, said: list[str]) -> None:
     with structlog.testing.capture_logs() as lines:
-        async with started("probe", running, Settings(host="0.0.0.0", token="t")):
+        async with started("probe", running, Settings(host="0.0.0.0", token=token)):
             pass
     warnings = [line for line in lines if line["log_level"] == "warning"]
-    assert [(line["event"], line["host"], line["token"]) for line in warnings] == [
-        ("reachable from other machines", "0.0.0.0", True)
-    ]
+    assert len(warnings) == len(said)
+    for line, word in zip(warnings, said, strict=True):
+        assert word in line["event"]
+        assert line["host"] == "0.0.0.0"
+
+
+async def test_metrics_ask_for_the_token_unless_told_otherwise() -> None:
+    async with probe("s3cret", metrics_port=0) as (_, service), httpx.AsyncClient(trust_env=False) as client:
+        url = f"http://127.0.0.1:{service.metrics_port}/metrics"
+        refused = await client.get(url, timeout=TIMEOUT)
+        assert refused.status_code == 401
+        assert refused.headers["www-authenticate"] == "Bearer"
+        assert "pretouch_probe_calls" not in refused.text
+        allowed = await client.get(url, timeout=TIMEOUT, headers={"Authorization": "bearer s3cret"})
+        assert "pretouch_probe_calls" in allowed.text
+    async with (
+        probe("s3cret", metrics_port=0, open_metrics=True) as (_, service),
+        httpx.AsyncClient(trust_env=False) as client,
+    ):
+        assert "pretouch_probe_calls" in await _metrics(client, service)
+
+
+async def test_metrics_answer_while_silent_connections_are_held() -> None:
+    async with probe(metrics_port=0) as (_, service), httpx.AsyncClient(trust_env=False) as client:
+        held = [await asyncio.open_connection("127.0.0.1", service.metrics_port) for _ in range(15)]
+        assert "pretouch_probe_calls" in await _metrics(client, service)
+        for _, writer in held:
+            writer.close()

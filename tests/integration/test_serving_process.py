@@ -121,7 +121,7 @@ async def test_a_second_signal_ends_it_at_once() -> None:
 
 
 async def test_it_ends_when_its_parent_closes_standard_input() -> None:
-    async with served("1", "--stdin") as probe:
+    async with served("1", "--until-stdin-closes") as probe:
         assert probe.process.stdin is not None
         probe.process.stdin.close()
         assert await probe.ended() == 0

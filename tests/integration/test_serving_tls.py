@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
 import grpc
+import httpx
 import pytest
 import trustme
 from google.protobuf.wrappers_pb2 import StringValue
@@ -71,6 +73,22 @@ async def test_tls_serves_those_who_trust_its_authority_and_no_plaintext(server:
         with pytest.raises(grpc.aio.AioRpcError) as caught:
             await ask(open_channel(address, "wrong", server.ca))
         assert caught.value.code() is grpc.StatusCode.UNAUTHENTICATED
+
+
+async def test_metrics_are_served_over_the_same_tls(server: Identity, client: Identity) -> None:
+    settings = Settings(tls_cert=server.cert, tls_key=server.key, tls_client_ca=client.ca, metrics_port=0)
+    async with started("probe", running, settings) as service:
+        trusting = ssl.create_default_context(cafile=server.ca)
+        url = f"https://127.0.0.1:{service.metrics_port}/metrics"
+        silent = [await asyncio.open_connection("127.0.0.1", service.metrics_port) for _ in range(3)]
+        async with httpx.AsyncClient(verify=trusting, trust_env=False) as stranger:
+            with pytest.raises(httpx.TransportError):
+                await stranger.get(url, timeout=TIMEOUT)
+        trusting.load_cert_chain(client.cert, client.key)
+        async with httpx.AsyncClient(verify=trusting, trust_env=False) as known:
+            assert "pretouch_probe_calls" in (await known.get(url, timeout=TIMEOUT)).text
+        for _, writer in silent:
+            writer.close()
 
 
 async def test_mutual_tls_serves_only_clients_of_its_authority(server: Identity, client: Identity) -> None:

@@ -36,7 +36,7 @@ def regions_of(scene: Scene) -> list[Region]:
 
 
 def planned(scene: Scene, pieces: tuple[float, ...], closed: tuple[str, ...] = ()) -> list[CandidatePath]:
-    return plan_object_paths(planner_of(scene, Prior()), regions_of(scene), (0, 0), pieces, closed)
+    return plan_object_paths(planner_of(scene, Prior()), regions_of(scene), pieces, closed)
 
 
 def places_of(candidate: CandidatePath, span: tuple[float, float]) -> Array:

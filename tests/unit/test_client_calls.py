@@ -1,7 +1,10 @@
 """All four clients retry where that helps, give up where it does not, and raise the library's own errors."""
 
 import dataclasses
+import email.utils
+import math
 import socket
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,6 +13,7 @@ from helpers.client_kinds import KINDS, opened
 from helpers.scripted_orchestrator import ScriptedOrchestrator
 
 from pretouch.camera import Camera
+from pretouch.client.rest_api import HttpAnswer, raise_for_problem, read_retry_after
 from pretouch.client.retries import Attempts
 from pretouch.errors import (
     Conflict,
@@ -21,6 +25,7 @@ from pretouch.errors import (
     PretouchError,
     Unauthenticated,
     Unavailable,
+    unreachable,
 )
 from pretouch.estimate import Prior, from_prior
 from pretouch.geometry import Pose
@@ -50,7 +55,9 @@ def script() -> Iterator[ScriptedOrchestrator]:
 
 
 @every_client
-@pytest.mark.parametrize("error", [Unavailable("warming up", "wait"), Overloaded("busy", "wait")])
+@pytest.mark.parametrize(
+    "error", [Unavailable("warming up", "wait", 0.0), Overloaded("busy", "wait", 0.0), DeadlineExceeded("late", "wait")]
+)
 async def test_a_passing_fault_is_tried_again(kind: str, error: PretouchError, script: ScriptedOrchestrator) -> None:
     script.errors = [error]
     async with opened(kind, script.rest_url, script.grpc_address) as client:
@@ -60,7 +67,7 @@ async def test_a_passing_fault_is_tried_again(kind: str, error: PretouchError, s
 
 @every_client
 async def test_creation_is_tried_again_under_one_key(kind: str, script: ScriptedOrchestrator) -> None:
-    script.errors = [Unavailable("warming up", "wait")]
+    script.errors = [Unavailable("warming up", "wait", 0.0)]
     async with opened(kind, script.rest_url, script.grpc_address) as client:
         await client.create_session(REQUEST, DEPTH)
         await client.create_session(REQUEST, DEPTH, idempotency_key="mine")
@@ -74,9 +81,50 @@ def test_a_further_try_that_runs_out_of_time_tells_what_was_wrong_before() -> No
     attempts = Attempts(60.0)
     attempts.delay_after(Unavailable("warming up", "wait"))
     with pytest.raises(Unavailable, match="warming up"):
-        attempts.delay_after(DeadlineExceeded("too late"))
+        attempts.delay_after(DeadlineExceeded("too late", retry_after=math.inf))
     with pytest.raises(DeadlineExceeded):
-        Attempts(60.0).delay_after(DeadlineExceeded("too late"))
+        Attempts(60.0).delay_after(DeadlineExceeded("too late", retry_after=math.inf))
+
+
+@pytest.mark.parametrize("error", [Overloaded("busy", "", 3.0), Unavailable("starting", "", 3.0)])
+def test_a_service_that_says_when_is_asked_again_then_until_the_timeout(error: PretouchError) -> None:
+    attempts = Attempts(60.0)
+    delays = [attempts.delay_after(error) for _ in range(20)]
+    assert all(3.0 <= delay <= 3.75 for delay in delays)
+    assert len(set(delays)) > 1
+    with pytest.raises(type(error)):
+        attempts.delay_after(type(error)("busy", "", 61.0))
+    with pytest.raises(type(error)):
+        attempts.delay_after(type(error)("it will not pass", "", math.inf))
+
+
+def test_a_service_that_was_never_reached_is_tried_six_times() -> None:
+    attempts, others = Attempts(60.0), Attempts(60.0)
+    for _ in range(5):
+        assert attempts.delay_after(unreachable("refused")) < 3.0
+    with pytest.raises(Unavailable):
+        attempts.delay_after(unreachable("refused"))
+    for _ in range(20):
+        others.delay_after(unreachable("refused"), reached=True)
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"), [("7", 7.0), ("", None), ("-1", None), ("soon", None), ("²", None), ("9" * 400, None)]
+)
+def test_retry_after_is_read_from_the_header_where_there_is_no_problem_document(
+    header: str, seconds: float | None
+) -> None:
+    assert read_retry_after(header) == seconds
+    with pytest.raises(Overloaded) as caught:
+        raise_for_problem(HttpAnswer(429, "http://proxy", {"retry-after": header}, b"slow down"))
+    assert caught.value.retry_after == seconds
+
+
+def test_retry_after_may_be_a_date() -> None:
+    later = read_retry_after(email.utils.formatdate(time.time() + 1000, usegmt=True))
+    assert later is not None
+    assert 900 < later <= 1000
+    assert read_retry_after("Wed, 21 Oct 2015 07:28:00 GMT") == 0.0
 
 
 @every_client
@@ -151,10 +199,21 @@ async def test_events_of_an_unknown_session_are_refused(kind: str, script: Scrip
             [event async for event in client.events("s9")]
 
 
-async def test_an_id_cannot_leave_its_place_in_the_path(script: ScriptedOrchestrator) -> None:
-    async with opened("rest", script.rest_url, "127.0.0.1:1") as client:
-        await client.submit("a/b", "c?d", Skipped())
-    assert script.calls == ["POST /v1/sessions/a%2Fb/scans/c%3Fd"]
+@every_client
+@pytest.mark.parametrize("id", ["", ".", "..", "a/b", "s1/next-scan", "c?d", "a b", "é", "\ud800", "x" * 200])
+async def test_an_id_that_is_none_is_not_found(kind: str, id: str, script: ScriptedOrchestrator) -> None:
+    async with opened(kind, script.rest_url, script.grpc_address) as client:
+        for call in (
+            client.session(id),
+            client.next_scan(id),
+            client.cancel(id),
+            client.submit(id, "scan-1", Skipped()),
+            client.submit("s1", id, Skipped()),
+            anext(client.events(id)),
+        ):
+            with pytest.raises(NotFound):
+                await call
+    assert script.calls == []
 
 
 @pytest.mark.parametrize("kind", ["grpc", "grpc-async"])

@@ -31,3 +31,22 @@ def test_an_event_that_was_cut_off_is_not_given() -> None:
 def test_data_that_is_not_json_is_an_internal_error() -> None:
     with pytest.raises(Internal, match="event 4"):
         list(ServerSentEvents().feed(b"id: 4\nevent: scan\ndata: oops\n\n"))
+
+
+@pytest.mark.parametrize(
+    "stream",
+    [
+        b"id: 1\ndata: \xff\n\n",
+        b"data: " + b"x" * 2**21,
+        b"data: xxxxxxxxx\n" * 2**18,
+        b"id: 1\ndata: " + b"[" * 10**5 + b"\n\n",
+    ],
+)
+def test_what_is_no_event_stream_is_an_internal_error(stream: bytes) -> None:
+    with pytest.raises(Internal):
+        list(ServerSentEvents().feed(stream))
+
+
+def test_an_event_without_a_number_for_id_is_left_out() -> None:
+    stream = "".join(f"id: {id}\ndata: 1\n\n" for id in ("", "²", "-1", "9" * 5000, "7"))
+    assert list(ServerSentEvents().feed(stream.encode())) == [Event(7, "message", 1)]

@@ -3,8 +3,10 @@
 import inspect
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from helpers.synchronous_client import SOURCES, generate, target
 
 import pretouch.client
 from pretouch.client import AsyncClient, AsyncGrpcClient, AsyncRestClient, GrpcClient, RestClient, SyncClient
@@ -32,6 +34,11 @@ def test_synchronous_and_asynchronous_methods_take_the_same() -> None:
     for name in METHODS:
         sync, other = (inspect.signature(getattr(kind, name)).parameters for kind in (SyncClient, AsyncClient))
         assert sync == other, name
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.stem)
+def test_the_synchronous_clients_are_generated_from_the_asynchronous_ones(source: Path) -> None:
+    assert target(source).read_text() == generate(source), "Run `make client`."
 
 
 def test_importing_the_client_is_light() -> None:

@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+from pretouch_orchestrator.perception.preparation import prepare_scene
 from pretouch_orchestrator.planning.lines import trace_lines
 from pretouch_orchestrator.planning.path import PathPlanner
-from pretouch_orchestrator.sessions.loop import prepare_scene
 from pretouch_simulation.clutter import place_neighbours
 from pretouch_simulation.contact import measure_clearance
 from pretouch_simulation.finger import FingerModel, realise

@@ -5,8 +5,8 @@ import pytest
 from helpers.predictions import predict_errors
 from helpers.scenes import KINECT, Box, World
 from pretouch_registrar.engines import camera_model
-from pretouch_registrar.engines.registration_problem import RegistrationProblem, build_problem
-from pretouch_registrar.prediction import predict_candidate
+from pretouch_registrar.engines.registration_problem import RegistrationProblem, build_problem, find_beam_patches
+from pretouch_registrar.prediction import Outcome, predict_candidate
 from pretouch_registrar.ray_casting import cast_rays
 from pretouch_registrar.registration import Registrar, Settings
 
@@ -69,8 +69,15 @@ def cast(problem: RegistrationProblem, truths: np.ndarray, path: Trajectory, ext
     )
 
 
+def outcomes(
+    problem: RegistrationProblem, covariance: np.ndarray, candidate: Candidate, sensor: Sensor = SENSOR
+) -> list[Outcome]:
+    earlier = find_beam_patches(problem.beams, problem.shared)
+    return predict_candidate(problem, np.zeros(6), covariance, candidate, sensor, earlier)
+
+
 def left(problem: RegistrationProblem, path: Trajectory) -> np.ndarray:
-    return predict_candidate(problem, np.zeros(6), PRIOR.covariance(), Candidate(path), SENSOR)[0].covariance
+    return outcomes(problem, PRIOR.covariance(), Candidate(path))[0].covariance
 
 
 def test_a_simulated_beam_ends_where_a_real_one_does_wherever_the_camera_saw(problem: RegistrationProblem) -> None:
@@ -126,7 +133,7 @@ def test_a_predicted_covariance_is_one(problem: RegistrationProblem) -> None:
 
 def test_the_number_of_modules_does_not_overstate_what_a_scan_tells(problem: RegistrationProblem) -> None:
     hand = replace(SENSOR, tip_T_module=(Pose.identity(),) * 3)
-    many = predict_candidate(problem, np.zeros(6), PRIOR.covariance(), Candidate(ACROSS), hand)[0].covariance
+    many = outcomes(problem, PRIOR.covariance(), Candidate(ACROSS), hand)[0].covariance
     np.testing.assert_allclose(np.diag(many), np.diag(left(problem, ACROSS)), rtol=0.3)
 
 
@@ -142,7 +149,8 @@ def test_a_piece_tells_less_than_the_path_and_a_whole_span_as_much(problem: Regi
     candidate = Candidate(ACROSS, ((0.0, end), (0.0, 0.3 * end), (0.7 * end, end)))
     arms = np.random.default_rng(0).uniform(-0.04, 0.04, (50, 3))
     whole, *pieces = compute_expected_errors(
-        [left for left, _ in predict_candidate(problem, np.zeros(6), PRIOR.covariance(), candidate, SENSOR)], arms
+        [left for left, _ in outcomes(problem, PRIOR.covariance(), candidate)],
+        arms,
     )
     (alone,) = compute_expected_errors(left(problem, ACROSS)[None], arms)
     assert whole == pytest.approx(alone, rel=0.1)
@@ -152,7 +160,7 @@ def test_a_piece_tells_less_than_the_path_and_a_whole_span_as_much(problem: Regi
 def test_shares_of_returns_are_those_of_the_finger_in_the_world(problem: RegistrationProblem) -> None:
     high = line((-0.09, -0.02), (0.09, 0.03), height=0.12)
     spans = ((0.0, 0.6), (1.2, 2.0), (0.0, high.duration))
-    predicted = predict_candidate(problem, np.zeros(6), 1e-8 * np.eye(6), Candidate(high, spans), SENSOR)
+    predicted = outcomes(problem, 1e-8 * np.eye(6), Candidate(high, spans))
     for (start, end), outcome in zip(spans, predicted, strict=True):
         samples = BOX.scanned(high.between(start, end), SENSOR)
         assert outcome.returns == pytest.approx(np.isfinite(samples.range).mean(), abs=0.12)

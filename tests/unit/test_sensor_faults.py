@@ -11,6 +11,7 @@ import pytest
 from pretouch_orchestrator.perception.sensor_check import Fault, diagnose
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store.protocol import NewEvent
 from pretouch_orchestrator.store.sqlite import open_store
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
@@ -130,10 +131,9 @@ def test_a_session_goes_on_from_its_stored_record(tmp_path: Path) -> None:
 
     async def stored() -> Record:
         async with open_store(tmp_path) as store:
-            await store.create(first, [], None)
-            await store.update(second, [])
+            await store.update(await store.create("", first, [], None), second, [NewEvent("session", {})], None)
         async with open_store(tmp_path) as store:
-            return await store.load_record("s")
+            return await store.load_record("", "s", None)
 
     loaded = asyncio.run(stored())
     assert loaded.estimate.sensor_problem == second.estimate.sensor_problem != ""

@@ -1,99 +1,139 @@
-"""The store returns records to the bit; it migrates any older file and refuses a newer one."""
+"""What every kind of store promises: records come back to the bit, versions fence updates, leases exclude."""
 
 from __future__ import annotations
 
-import contextlib
-import sqlite3
+import asyncio
 from collections.abc import AsyncIterator
-from pathlib import Path
+from contextlib import AsyncExitStack
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 from helpers.records import a_record, after_a_scan, after_telling
-from pretouch_orchestrator.store.protocol import Event, KeyedRequest, NewEvent
-from pretouch_orchestrator.store.sqlite import FILE_NAME, SqliteStore, load_migrations, open_store
+from helpers.stores import same
+from pretouch_orchestrator.sessions.endings import cancel
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store import open_store
+from pretouch_orchestrator.store.protocol import Busy, Event, KeyedRequest, NewEvent, Owned, Snapshot, Stale, Store
 
-from pretouch.errors import NotFound, Unavailable
-from pretouch.v1 import orchestrator_pb2
-from pretouch.wire import json
-
-
-def same(a: Any, b: Any) -> bool:
-    """Equal to the bit, through dataclasses, tuples and arrays."""
-    if isinstance(a, np.ndarray):
-        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
-    if hasattr(a, "__dataclass_fields__"):
-        return type(a) is type(b) and all(same(getattr(a, f), getattr(b, f)) for f in a.__dataclass_fields__)
-    if isinstance(a, tuple):
-        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
-    return bool(a == b)
+from pretouch.errors import NotFound
+from pretouch.session import State
+from pretouch.wire import common, json
 
 
 @pytest.fixture
-async def store(tmp_path: Path) -> AsyncIterator[SqliteStore]:
-    async with open_store(tmp_path) as opened:
+async def store(store_address: str) -> AsyncIterator[Store]:
+    async with open_store(store_address) as opened:
         yield opened
 
 
-async def test_a_record_comes_back_to_the_bit_from_a_reopened_store(tmp_path: Path) -> None:
-    record = a_record()
-    async with open_store(tmp_path) as store:
-        await store.create(record, [], None)
-    async with open_store(tmp_path) as store:
-        assert same(await store.load_record("one"), record)
-        record = after_a_scan(record)
-        await store.update(record, [])
-    async with open_store(tmp_path) as store:
-        assert same(await store.load_record("one"), record)
-        assert json.session_to_json(await store.load_session("one")) == json.session_to_json(record.to_session())
+async def created(store: Store, session_id: str = "one", owner: str = "") -> Record:
+    return await store.create(owner, a_record(session_id), [NewEvent("session", {"n": 1})], None)
 
 
-async def test_told_samples_come_back_to_the_bit_until_their_scan_is_closed(tmp_path: Path) -> None:
-    record = a_record()
-    async with open_store(tmp_path) as store:
-        await store.create(record, [], None)
-        for count in (3, 1):
-            record = after_telling(record, count)
-            await store.update(record, [])
-    async with open_store(tmp_path) as store:
-        assert same(await store.load_record("one"), record)
-        record = after_telling(record)
-        await store.update(record, [])
-        assert same(await store.load_record("one"), record)
-        closed = after_a_scan(record)
-        await store.update(closed, [])
-        assert same(await store.load_record("one"), closed)
-        told_anew = after_telling(closed, 2)
-        await store.update(told_anew, [])
-        assert same(await store.load_record("one"), told_anew)
+async def stepped(store: Store, before: Record, after: Record, lease: str | None = None) -> Record:
+    return await store.update(before, after, [NewEvent("session", {"n": 2})], lease)
 
 
-async def test_a_session_from_before_modes_and_fit_reads_as_one_with_a_single_mode_that_fits(tmp_path: Path) -> None:
-    record = a_record()
-    async with open_store(tmp_path) as store:
-        await store.create(record, [], None)
-    with contextlib.closing(sqlite3.connect(tmp_path / FILE_NAME)) as db:
-        ((view,),) = db.execute("SELECT view FROM session")
-        message = orchestrator_pb2.Session.FromString(view)
-        for name in ("modes", "fit", "sensor_problem"):
-            message.estimate.ClearField(name)
-        message.estimate.MergeFromString(b"\x50\x01")  # several_modes = true, which was field 10
-        db.execute("UPDATE session SET view = ?", (message.SerializeToString(),))
-        db.commit()
-    async with open_store(tmp_path) as store:
-        estimate = (await store.load_record("one")).estimate
-        assert (await store.load_session("one")).reason is None
-    assert [mode.weight for mode in estimate.modes] == [1.0]
-    assert same(estimate.modes[0].base_T_correction, record.estimate.base_T_correction)
-    assert (estimate.fit, estimate.sensor_problem) == (1.0, "")
-    assert estimate.expected_error == record.estimate.expected_error
+async def test_a_record_comes_back_to_the_bit_from_a_reopened_store(store_address: str) -> None:
+    async with open_store(store_address) as store:
+        record = await created(store)
+    async with open_store(store_address) as store:
+        assert same(await store.load_record("", "one", None), record)
+        record = await stepped(store, record, after_a_scan(record))
+    async with open_store(store_address) as store:
+        assert same(await store.load_record("", "one", None), record)
+        seen = (await store.load_session("", "one")).session
+        assert json.session_to_json(seen) == json.session_to_json(record.to_session())
 
 
-async def test_events_are_numbered_within_their_session(store: SqliteStore) -> None:
-    await store.create(a_record("one"), [NewEvent("session", {"n": 1}), NewEvent("estimate", {"n": 2})], None)
-    await store.create(a_record("two"), [NewEvent("session", {"n": 3})], None)
-    await store.update(after_a_scan(a_record("one")), [NewEvent("end", {"state": "failed"})])
+async def test_told_samples_come_back_to_the_bit_until_their_scan_is_closed(store: Store) -> None:
+    first = record = await created(store)
+    for count in (3, 1):
+        record = await store.update(record, after_telling(record, count), [], None)
+        assert same(await store.load_record("", "one", None), record)
+        assert same(await store.load_record("", "one", first), record), "only what is new is read"
+    closed = await stepped(store, record, after_a_scan(record))
+    for known in (None, first, record):
+        assert same(await store.load_record("", "one", known), closed)
+    anew = await store.update(closed, after_telling(closed, 2), [], None)
+    assert same(await store.load_record("", "one", None), anew)
+
+
+async def test_a_record_that_is_still_present_is_not_read_again(store: Store) -> None:
+    record = await created(store)
+    assert await store.load_record("", "one", record) is record
+    assert await store.is_present(record)
+    later = await stepped(store, record, after_a_scan(record))
+    assert not await store.is_present(record)
+    loaded = await store.load_record("", "one", record)
+    assert loaded.scene is record.scene, "the scene is not read again"
+    assert same(loaded, later)
+    from_the_future = replace(record, version=99)
+    assert same(await store.load_record("", "one", from_the_future), later), "as after restoring a backup"
+
+
+async def test_an_update_of_an_outdated_record_is_refused_and_leaves_nothing(store: Store) -> None:
+    record = await created(store)
+    later = await store.update(record, after_telling(record), [], None)
+    for update in (
+        stepped(store, record, after_a_scan(record)),
+        store.update(record, after_telling(record, 1), [], None),
+        store.end(Snapshot(record.to_session(), record.version, 1), cancel(record.to_session()), [NewEvent("end", {})]),
+    ):
+        with pytest.raises(Stale):
+            await update
+    assert same(await store.load_record("", "one", None), later)
+    assert len(await store.load_events("one", 0)) == 1
+
+
+async def test_of_updates_at_once_one_counts(store: Store) -> None:
+    record = await created(store)
+    updates = [stepped(store, record, after_a_scan(record)) for _ in range(6)]
+    outcomes = await asyncio.gather(*updates, return_exceptions=True)
+    assert sorted(type(outcome).__name__ for outcome in outcomes) == ["Record", *["Stale"] * 5]
+    assert [event.id for event in await store.load_events("one", 0)] == [1, 2]
+
+
+async def test_an_end_does_not_wait_for_a_lease(store: Store) -> None:
+    record = await store.update(await created(store), after_telling(await store.load_record("", "one", None)), [], None)
+    assert await store.acquire_lease("one", "me", 60)
+    before = await store.load_session("", "one")
+    await store.end(before, cancel(before.session), [NewEvent("end", {"state": "cancelled"})])
+    ended = await store.load_record("", "one", record)
+    assert (ended.state, ended.next_scan, ended.told) == (State.CANCELLED, None, ())
+    assert same(await store.load_record("", "one", None), ended)
+    with pytest.raises(Stale):
+        await stepped(store, record, after_a_scan(record), "me")
+
+
+async def test_a_lease_has_one_holder_until_it_ends_or_runs_out(store: Store) -> None:
+    assert await store.acquire_lease("key k", "me", 60)
+    assert await store.acquire_lease("key k", "me", 60), "as after an answer that was lost"
+    assert not await store.acquire_lease("key k", "you", 60)
+    await store.release_lease("key k", "you")
+    assert not await store.acquire_lease("key k", "you", 60)
+    await store.release_lease("key k", "me")
+    assert await store.acquire_lease("key k", "you", -1)
+    assert await store.acquire_lease("key k", "me", -1), "it had run out"
+    await store.renew_leases(["me"], 60)
+    assert not await store.acquire_lease("key k", "you", 60)
+
+
+async def test_samples_are_not_taken_while_a_step_holds_the_lease_which_ends_with_the_step(store: Store) -> None:
+    record = await created(store)
+    assert await store.acquire_lease("one", "me", 60)
+    with pytest.raises(Busy):
+        await store.update(record, after_telling(record), [], None)
+    record = await stepped(store, record, after_a_scan(record), "me")
+    assert await store.acquire_lease("one", "you", 60)
+
+
+async def test_events_are_numbered_within_their_session(store: Store) -> None:
+    await store.create("", a_record("one"), [NewEvent("session", {"n": 1}), NewEvent("estimate", {"n": 2})], None)
+    await store.create("", a_record("two"), [NewEvent("session", {"n": 3})], None)
+    one = await store.load_record("", "one", None)
+    await store.update(one, after_a_scan(one), [NewEvent("end", {"state": "failed"})], None)
     assert await store.load_events("one", after=1) == [
         Event("estimate", {"n": 2}, 2),
         Event("end", {"state": "failed"}, 3),
@@ -101,99 +141,102 @@ async def test_events_are_numbered_within_their_session(store: SqliteStore) -> N
     assert [event.id for event in await store.load_events("two", after=0)] == [1]
 
 
-async def test_a_step_that_fails_leaves_nothing_behind(store: SqliteStore) -> None:
-    record = a_record()
-    await store.create(record, [NewEvent("session", {})], None)
+async def test_a_step_that_fails_leaves_nothing_behind(store: Store) -> None:
+    record = await created(store)
     with pytest.raises(TypeError):
-        await store.update(after_a_scan(record), [NewEvent("scan", {}), NewEvent("end", {"not JSON": object()})])
-    assert same(await store.load_record("one"), record)
-    assert len(await store.load_events("one", after=0)) == 1
+        await store.update(record, after_a_scan(record), [NewEvent("end", {"not JSON": object()})], None)
+    assert same(await store.load_record("", "one", None), record)
 
 
-async def test_an_idempotency_key_leads_to_one_session(store: SqliteStore) -> None:
+async def test_an_idempotency_key_leads_to_one_session_of_its_owner(store: Store) -> None:
     key = KeyedRequest("k", "abc")
-    await store.create(a_record("one"), [], key)
-    assert await store.find_keyed("k") == (key, "one")
-    assert await store.find_keyed("other") is None
-    with pytest.raises(sqlite3.IntegrityError):
-        await store.create(a_record("two"), [], key)
+    await store.create("ann", a_record("one"), [], key)
+    assert await store.find_keyed("ann", "k") == (key, "one")
+    assert await store.find_keyed("ann", "other") is None
+    assert await store.find_keyed("bob", "k") is None
+    with pytest.raises(Stale):
+        await store.create("ann", a_record("two"), [], key)
     with pytest.raises(NotFound):
-        await store.load_session("two")
+        await store.load_session("ann", "two")
+    await store.create("bob", a_record("three"), [], key)
+    assert await store.find_keyed("bob", "k") == (key, "three")
 
 
-async def test_pages_go_from_the_newest_to_the_oldest(store: SqliteStore) -> None:
+async def test_pages_go_from_the_newest_to_the_oldest_of_one_owner(store: Store) -> None:
     for name in "abcde":
-        await store.create(a_record(name), [], None)
+        await created(store, name, "ann")
+        await created(store, name * 2, "bob")
     seen, before = [], None
     while True:
-        sessions, before = await store.list_sessions(2, before)
+        sessions, before = await store.list_sessions("ann", 2, before)
         seen.append([session.id for session in sessions])
         if before is None:
             break
     assert seen == [["e", "d"], ["c", "b"], ["a"]]
 
 
-async def test_unknown_sessions_are_not_found(store: SqliteStore) -> None:
-    for call in (
-        store.load_record("x"),
-        store.load_session("x"),
-        store.load_events("x", 0),
-        store.update(a_record("x"), []),
-    ):
+async def test_sessions_that_are_unknown_or_of_another_owner_are_not_found(store: Store) -> None:
+    await created(store, "hers", "ann")
+    unknown = await created(store, "x")
+    await store.remove("", "x")
+    for name in ("x", "hers", "null\0", "\ud800", "é"):
+        for call in (store.load_record("", name, None), store.load_session("", name)):
+            with pytest.raises(NotFound):
+                await call
+    for change in (store.load_events("x", 0), store.update(unknown, after_a_scan(unknown), [], None)):
         with pytest.raises(NotFound):
-            await call
+            await change
+    await store.remove("", "hers")
+    assert (await store.load_session("ann", "hers")).version == 1
 
 
-async def test_a_second_orchestrator_is_kept_out(store: SqliteStore, tmp_path: Path) -> None:
-    with pytest.raises(Unavailable, match="Another orchestrator"):
-        async with open_store(tmp_path):
-            pass
+async def test_a_scene_is_stored_once_and_goes_with_its_last_session(store: Store) -> None:
+    await created(store, "one")
+    with_one = await store.used_bytes()
+    await created(store, "two")
+    size = common.scene_to_proto(a_record().scene).ByteSize()
+    assert with_one > size > await store.used_bytes() - with_one > 0
+    await store.remove("", "one")
+    assert same((await store.load_record("", "two", None)).scene, a_record().scene)
+    await store.remove("", "two")
+    assert await store.used_bytes() == 0
+    await created(store, "one")
 
 
-async def test_migrations_apply_one_by_one_to_the_same_tables(tmp_path: Path) -> None:
-    async with open_store(tmp_path / "new"):
-        pass
-    (tmp_path / "old").mkdir()
-    with sqlite3.connect(tmp_path / "old" / FILE_NAME) as old:
-        old.executescript(f"{load_migrations()[0]}; PRAGMA user_version = 1")
-    old.close()
-    async with open_store(tmp_path / "old") as store:
-        await store.create(a_record(), [], None)
-    schemas = []
-    for name in ("new", "old"):
-        db = sqlite3.connect(tmp_path / name / FILE_NAME)
-        schemas.append(db.execute("SELECT type, name, sql FROM sqlite_master ORDER BY name").fetchall())
-        assert db.execute("PRAGMA user_version").fetchone() == (len(load_migrations()),)
-        assert db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
-        db.close()
-    assert schemas[0] == schemas[1]
+async def test_the_longest_untouched_are_found_first(store: Store) -> None:
+    records = {name: await created(store, name, f"of {name}") for name in ("a", "b", "c")}
+    for name in ("b", "a"):
+        await stepped(store, records[name], after_a_scan(records[name]))
+    assert await store.find_ended(9, None) == [Owned("of b", "b"), Owned("of a", "a")]
+    assert await store.find_ended(1, 0.0) == [Owned("of b", "b")]
+    assert await store.find_ended(9, 1000.0) == []
+    assert await store.find_abandoned(9, 0.0) == [Owned("of c", "c")]
+    assert await store.find_abandoned(9, 1000.0) == []
 
 
-async def test_a_store_of_a_newer_version_is_refused_untouched(tmp_path: Path) -> None:
-    async with open_store(tmp_path):
-        pass
-    with sqlite3.connect(tmp_path / FILE_NAME) as db:
-        db.execute("PRAGMA user_version = 999")
-    db.close()
-    with pytest.raises(Unavailable, match="version 999"):
-        async with open_store(tmp_path):
-            pass
+async def test_a_check_and_tidying_leave_sessions_alone(store: Store) -> None:
+    record = await created(store)
+    await store.check()
+    await store.tidy()
+    assert same(await store.load_record("", "one", None), record)
 
 
-async def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).write_bytes(b"not a database" * 100)
-    with pytest.raises(Unavailable, match="cannot be used"):
-        async with open_store(tmp_path):
-            pass
+async def test_changes_are_announced_to_every_process(store_address: str, store: Store) -> None:
+    async with AsyncExitStack() as stack:
+        other = store
+        if store_address.startswith("postgresql"):
+            other = await stack.enter_async_context(open_store(store_address))
+        record = await created(store)
 
+        async def heard(change: Any) -> Any:
+            expected = other.changes.expect("one")
+            result = await change
+            async with asyncio.timeout(60):
+                await expected.wait()
+            return result
 
-async def test_a_full_disk_is_unavailable_and_passes(store: SqliteStore, tmp_path: Path) -> None:
-    record = a_record()
-    await store.create(record, [], None)
-    pages = await store._writer.execute_fetchall("PRAGMA page_count")
-    await store._writer.execute_fetchall(f"PRAGMA max_page_count = {next(iter(pages))[0]}")
-    with pytest.raises(Unavailable, match="cannot be written"):
-        await store.create(a_record("two"), [], None)
-    await store._writer.execute_fetchall("PRAGMA max_page_count = 1073741823")
-    await store.create(a_record("two"), [], None)
-    assert same(await store.load_record("one"), record)
+        record = await heard(store.update(record, after_telling(record), [], None))
+        assert await store.acquire_lease("one", "me", 60)
+        await heard(store.release_lease("one", "me"))
+        await heard(store.end(Snapshot(record.to_session(), record.version, 1), cancel(record.to_session()), []))
+        await heard(store.remove("", "one"))

@@ -15,6 +15,8 @@ from pretouch.wire.common import rectangle_to_proto, scene_from_proto, sensor_fr
 from pretouch_detector.proposals import list_readiness, propose
 
 DEFAULT_COUNT = 20
+_BASE, _BYTE_OF_SCENE = 48 * 2**20, 8
+"""Memory for a proposal, and for each byte of a scene's message: half as much again as was measured."""
 
 
 @dataclass
@@ -26,7 +28,8 @@ class DetectorServicer(detector_pb2_grpc.DetectorServiceServicer):
     async def Propose(
         self, request: pb.ProposeRequest, context: grpc.aio.ServicerContext[pb.ProposeRequest, pb.ProposeResponse]
     ) -> pb.ProposeResponse:
-        return await self.context.run_in_thread(_propose, request)
+        memory = _BASE + _BYTE_OF_SCENE * request.scene.ByteSize()
+        return await self.context.run_in_thread(_propose, request, memory=memory)
 
     async def ListProposers(
         self,

@@ -6,23 +6,30 @@ import asyncio
 import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Any
 
 import grpc.aio
 
 from pretouch.channel import open_channel
 from pretouch.errors import PretouchError, Unavailable
 from pretouch.serving import ServiceContext
+from pretouch.v1 import detector_pb2_grpc, registrar_pb2_grpc
+from pretouch.v1 import sensor_gateway_pb2_grpc as gateway_pb2_grpc
 from pretouch.v1.orchestrator_pb2_grpc import add_OrchestratorServiceServicer_to_server
 from pretouch_orchestrator.rest.app import create_rest_app
+from pretouch_orchestrator.rest.hosts import HostCheck
 from pretouch_orchestrator.rest.server import serve_rest
 from pretouch_orchestrator.servicer import SERVICE, OrchestratorServicer
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.manager import SessionManager
+from pretouch_orchestrator.sessions.upkeep import Upkeep
 from pretouch_orchestrator.settings import OrchestratorSettings
 from pretouch_orchestrator.store import open_store
 from pretouch_orchestrator.store.protocol import Store
-from pretouch_orchestrator.upstream.clients import DetectorClient, GatewayClient, RegistrarClient, SceneMessages
+from pretouch_orchestrator.upstream.addresses import Addresses
+from pretouch_orchestrator.upstream.clients import DetectorClient, GatewayClient, RegistrarClient
 from pretouch_orchestrator.upstream.connection import UpstreamConnection
+from pretouch_orchestrator.upstream.copies import Copies
 
 
 @asynccontextmanager
@@ -31,37 +38,45 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
 
     Raises:
         InvalidInput: a setting is missing or wrong.
-        Unavailable: the state directory or the REST port is not usable.
+        Unavailable: the session store or the REST port is not usable.
     """
     settings = OrchestratorSettings.from_environment(os.environ)
     async with AsyncExitStack() as stack:
         store = await stack.enter_async_context(open_store(settings.store))
 
-        async def connect(name: str, address: str) -> UpstreamConnection:
-            cert, key = (context.settings.tls_cert, context.settings.tls_key) if settings.tls_ca else (None, None)
-            channel = open_channel(address, context.settings.token, settings.tls_ca, cert, key)
-            return UpstreamConnection(name, address, await stack.enter_async_context(channel))
+        async def connect(name: str, addresses: Addresses, make_stub: Callable[[grpc.aio.Channel], Any]) -> Copies:
+            def open_connection(address: str) -> UpstreamConnection:
+                cert, key = (context.settings.tls_cert, context.settings.tls_key) if settings.tls_ca else (None, None)
+                token, server = context.settings.token, addresses.name or None
+                channel = open_channel(address, token, settings.tls_ca, cert, key, server)
+                return UpstreamConnection(name, address, channel, make_stub(channel))
 
-        detector = await connect("detector", settings.detector)
-        registrar = await connect("registrar", settings.registrar)
+            copies = Copies(name, addresses, open_connection)
+            await stack.enter_async_context(copies.opened())
+            return copies
+
+        detector = await connect("detector", settings.detector, detector_pb2_grpc.DetectorServiceStub)
+        registrar = await connect("registrar", settings.registrar, registrar_pb2_grpc.RegistrarServiceStub)
         upstreams = [detector, registrar]
         gateway = None
         if settings.gateway is not None:
-            upstreams.append(await connect("sensor gateway", settings.gateway))
+            address = Addresses((settings.gateway,))
+            upstreams.append(await connect("sensor gateway", address, gateway_pb2_grpc.SensorGatewayServiceStub))
             gateway = GatewayClient(upstreams[-1])
-        scenes = SceneMessages()
-        loop = Loop(DetectorClient(detector, scenes), RegistrarClient(registrar, scenes), gateway=gateway)
-        sessions = SessionManager(store, loop, context)
+        loop = Loop(DetectorClient(detector), RegistrarClient(registrar), gateway, context.go_on_in_thread)
+        upkeep = Upkeep(store, settings.limits, context.log)
+        sessions = SessionManager(store, loop, context, upkeep)
         stack.push_async_callback(sessions.close)
         add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
-        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams))
+        hosts = HostCheck(settings.rest_host, settings.allowed_hosts)
+        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams), hosts)
         await stack.enter_async_context(serve_rest(app, settings, context))
-        ending = asyncio.create_task(_end_streams_when_draining(sessions, context))
-        stack.callback(ending.cancel)
+        for work in (upkeep.run(), _end_streams_when_draining(sessions, context)):
+            stack.push_async_callback(_stop, asyncio.create_task(work))
         yield (SERVICE,)
 
 
-def _make_readiness_check(store: Store, upstreams: Sequence[UpstreamConnection]) -> Callable[[], Awaitable[None]]:
+def _make_readiness_check(store: Store, upstreams: Sequence[Copies]) -> Callable[[], Awaitable[None]]:
     async def check() -> None:
         results = await asyncio.gather(
             store.check(), *(upstream.check() for upstream in upstreams), return_exceptions=True
@@ -76,6 +91,11 @@ def _make_readiness_check(store: Store, upstreams: Sequence[UpstreamConnection])
             )
 
     return check
+
+
+async def _stop(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
 
 
 async def _end_streams_when_draining(sessions: SessionManager, context: ServiceContext) -> None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing
-from typing import Any
+from typing import Any, TypeVar
+
+from google.protobuf.message import Message
 
 from pretouch.errors import InvalidInput
 from pretouch.serving import ServiceContext
+from pretouch.serving.caller import current_caller
 from pretouch.session import ScanProgress, Session
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1 import orchestrator_pb2_grpc
@@ -22,6 +25,9 @@ from pretouch.wire.session import (
 )
 from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
 
+T = TypeVar("T")
+_SHORT = 256 * 1024
+"""Bytes of a message that takes milliseconds to decode."""
 SERVICE = pb.DESCRIPTOR.services_by_name["OrchestratorService"].full_name
 
 
@@ -36,10 +42,13 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         return pb.CreateSessionResponse(session=session_to_proto(await self._create(request)))
 
     async def GetSession(self, request: pb.GetSessionRequest, context: Any) -> pb.GetSessionResponse:
-        return pb.GetSessionResponse(session=session_to_proto(await self._sessions.get(request.session_id)))
+        return pb.GetSessionResponse(
+            session=session_to_proto(await self._sessions.get(current_caller().owner, request.session_id))
+        )
 
     async def ListSessions(self, request: pb.ListSessionsRequest, context: Any) -> pb.ListSessionsResponse:
-        sessions, following = await self._sessions.list_page(request.limit or DEFAULT_PAGE, request.cursor)
+        limit = request.limit if request.HasField("limit") else DEFAULT_PAGE
+        sessions, following = await self._sessions.list_page(current_caller().owner, limit, request.cursor)
         return pb.ListSessionsResponse(sessions=map(session_to_proto, sessions), next=following)
 
     async def SubmitScan(self, request: pb.SubmitScanRequest, context: Any) -> pb.SubmitScanResponse:
@@ -49,12 +58,13 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
         return pb.TellSamplesResponse(progress=progress_to_proto(await self._tell(request.session_id, request)))
 
     async def CancelSession(self, request: pb.CancelSessionRequest, context: Any) -> pb.CancelSessionResponse:
-        return pb.CancelSessionResponse(session=session_to_proto(await self._sessions.cancel(request.session_id)))
+        session = await self._sessions.cancel(current_caller().owner, request.session_id, request.purge)
+        return pb.CancelSessionResponse(session=session_to_proto(session))
 
     async def StreamEvents(
         self, request: pb.StreamEventsRequest, context: Any
     ) -> AsyncIterator[pb.StreamEventsResponse]:
-        async with aclosing(self._sessions.follow(request.session_id, request.after)) as events:
+        async with aclosing(self._sessions.follow(current_caller().owner, request.session_id, request.after)) as events:
             async for event in events:
                 if event is not None:
                     yield pb.StreamEventsResponse(id=event.id, type=event.type, data=json.dumps(event.data))
@@ -79,7 +89,7 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
             case "create" if session is None:
                 return await self._create(request.create)
             case "session_id" if session is None:
-                return await self._sessions.get(request.session_id)
+                return await self._sessions.get(current_caller().owner, request.session_id)
             case "scan" if session is not None:
                 _check_session(request.scan.session_id, session.id)
                 return await self._submit(session.id, request.scan)
@@ -91,17 +101,30 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
 
     async def _create(self, request: pb.CreateSessionRequest) -> Session:
         wanted, values, mask = await self._context.run_in_thread(request_from_proto, request)
-        return await self._sessions.create(wanted, values, mask, request.idempotency_key or None)
+        return await self._sessions.create(
+            current_caller().owner, wanted, values, mask, request.idempotency_key or None
+        )
 
     async def _submit(self, session_id: str, request: pb.SubmitScanRequest) -> Session:
         return await self._sessions.submit(
-            session_id, request.scan_id, lambda: self._context.run_in_thread(submission_from_proto, request)
+            current_caller().owner,
+            session_id,
+            request.scan_id,
+            lambda: self._decode(submission_from_proto, request),
         )
 
     async def _tell(self, session_id: str, request: pb.TellSamplesRequest) -> ScanProgress:
         return await self._sessions.tell(
-            session_id, request.scan_id, lambda: self._context.run_in_thread(telling_from_proto, request)
+            current_caller().owner,
+            session_id,
+            request.scan_id,
+            lambda: self._decode(telling_from_proto, request),
         )
+
+    async def _decode(self, decode: Callable[[Any], T], request: Message) -> T:
+        """A short message does not wait behind images."""
+        run = self._context.run_briefly if request.ByteSize() <= _SHORT else self._context.run_in_thread
+        return await run(decode, request)
 
 
 def _check_session(named: str, running: str) -> None:

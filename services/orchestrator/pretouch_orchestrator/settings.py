@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pretouch.errors import InvalidInput
+from pretouch_orchestrator.sessions.upkeep import Limits
+from pretouch_orchestrator.upstream.addresses import Addresses
 
 _PREFIX = "PRETOUCH_ORCHESTRATOR_"
 
@@ -16,27 +19,32 @@ class OrchestratorSettings:
     """Where REST is served, where sessions are kept, and where the other services are.
 
     Attributes:
+        allowed_hosts: names by which REST may be called, beside its own; "*" for all.
         rest_port: 0 chooses a free port, which the log names.
         store: where sessions are kept, as `store.open_store` takes it.
-        detector, registrar: host:port.
+        detector, registrar: where their copies are.
+        limits: how long sessions are kept, and how much they may take.
         gateway: host:port; None: robots send their own samples.
         tls_ca: certificate authority of the other services; if given, they are called over TLS.
     """
 
-    detector: str
-    registrar: str
+    detector: Addresses
+    registrar: Addresses
     store: str
+    limits: Limits = field(default_factory=Limits)
     gateway: str | None = None
     rest_host: str = "127.0.0.1"
     rest_port: int = 8080
     tls_ca: Path | None = None
+    allowed_hosts: tuple[str, ...] = ()
 
     @staticmethod
     def from_environment(environment: Mapping[str, str]) -> OrchestratorSettings:
-        """Reads PRETOUCH_ORCHESTRATOR_{DETECTOR, REGISTRAR, STATE, STORE, GATEWAY, REST_HOST, REST_PORT, TLS_CA}.
+        """Reads PRETOUCH_ORCHESTRATOR_ with DETECTOR, REGISTRAR, STATE, STORE, KEEP, MAX_STORE, GATEWAY, REST_HOST,
+        REST_PORT, ALLOWED_HOSTS and TLS_CA.
 
         Raises:
-            InvalidInput: DETECTOR, REGISTRAR, or both STATE and STORE are missing, or REST_PORT is not a port.
+            InvalidInput: DETECTOR, REGISTRAR, or both STATE and STORE are missing, or another one cannot be read.
         """
 
         def get_required(name: str) -> str:
@@ -52,18 +60,39 @@ class OrchestratorSettings:
             raise InvalidInput(f"{_PREFIX}REST_PORT is {port!r}.", "Give a port from 1 to 65535, or 0 for a free one.")
         ca = get_optional("TLS_CA")
         return OrchestratorSettings(
-            detector=get_required("DETECTOR"),
-            registrar=get_required("REGISTRAR"),
+            detector=Addresses.parse(get_required("DETECTOR")),
+            registrar=Addresses.parse(get_required("REGISTRAR")),
             store=get_optional("STORE") or f"sqlite:{get_required('STATE')}",
+            limits=Limits(
+                _read_quantity("KEEP", get_optional("KEEP") or "30d", _SECONDS, "a time such as 30d, 12h or 90min"),
+                int(_read_quantity("MAX_STORE", get_optional("MAX_STORE") or "10GiB", _BYTES, "a size such as 10GiB")),
+            ),
             gateway=get_optional("GATEWAY"),
             rest_host=get_optional("REST_HOST") or "127.0.0.1",
             rest_port=int(port),
             tls_ca=None if ca is None else Path(ca),
+            allowed_hosts=tuple(
+                name.strip() for name in (get_optional("ALLOWED_HOSTS") or "").split(",") if name.strip()
+            ),
         )
 
 
+_SECONDS = {"d": 86400.0, "h": 3600.0, "min": 60.0, "s": 1.0, "": 86400.0}
+"""s in each unit of time; a number alone is days."""
+_BYTES = {"": 1.0, "KiB": 2.0**10, "MiB": 2.0**20, "GiB": 2.0**30, "TiB": 2.0**40}
+"""Bytes in each unit of size."""
+
+
+def _read_quantity(name: str, text: str, units: dict[str, float], meaning: str) -> float:
+    """The number in `text` times its unit; raises `InvalidInput` unless that is a positive, finite number."""
+    match = re.fullmatch(r"(\d{1,15}(?:\.\d{1,9})?) ?([A-Za-z]*)", text, re.ASCII)
+    if match is None or match[2] not in units or float(match[1]) <= 0:
+        raise InvalidInput(f"{_PREFIX}{name} is {text!r:.80}.", f"Give {meaning}.")
+    return float(match[1]) * units[match[2]]
+
+
 _MEANING = {
-    "DETECTOR": "the detector's address as host:port",
-    "REGISTRAR": "the registrar's address as host:port",
+    "DETECTOR": "the detector's address as host:port, or those of its copies",
+    "REGISTRAR": "the registrar's address as host:port, or those of its copies",
     "STATE": "a directory in which the orchestrator stores its sessions",
 }

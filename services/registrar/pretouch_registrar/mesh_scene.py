@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pretouch.camera import Camera, DepthImage
+from pretouch.cancellation import check_cancelled
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, Pose
 from pretouch.mesh_target import MeshTarget
@@ -26,6 +27,8 @@ _MAX_PIXELS_ACROSS = 700
 """Pixels across the image, however large the object."""
 _MAX_VISITS = 1_000_000_000
 """Pixels that the triangles' bounding boxes may cover in all; they take some seconds."""
+_VISITS_AT_ONCE = 30_000_000
+"""The same between two looks at whether anybody still waits."""
 
 
 def mesh_scene(target: MeshTarget) -> Scene:
@@ -54,8 +57,13 @@ def mesh_scene(target: MeshTarget) -> Scene:
     inverse = np.full((size[1], size[0]), table_inverse)
     seen = base_T_camera.inverse().apply(vertices)
     uvw = np.concatenate([camera.project(seen), 1.0 / seen[:, 2:]], axis=1)
-    if not _rasterise(uvw, target.faces, inverse, _MAX_VISITS):
-        raise InvalidInput("The mesh's triangles cover each other too many times.", "Simplify the mesh.")
+    face = visits = 0
+    while face < len(target.faces):
+        check_cancelled()
+        face, visited = _rasterise(uvw, target.faces, face, inverse, _VISITS_AT_ONCE)
+        visits += visited
+        if visits > _MAX_VISITS:
+            raise InvalidInput("The mesh's triangles cover each other too many times.", "Simplify the mesh.")
     mask = inverse > table_inverse
     if mask.sum() < MIN_OBJECT_PIXELS:
         raise InvalidInput(
@@ -67,15 +75,15 @@ def mesh_scene(target: MeshTarget) -> Scene:
 
 
 @njit(cache=True, nogil=True)
-def _rasterise(uvw: Array, faces: NDArray[np.int64], inverse: Array, most_visits: int) -> bool:
+def _rasterise(uvw: Array, faces: NDArray[np.int64], start: int, inverse: Array, most_visits: int) -> tuple[int, int]:
     """Draws triangles with corners (u, v, 1/z), rows of `uvw` (n, 3), over `inverse` (h, w): the nearest stays.
 
-    A pixel belongs to a triangle if its centre does. Returns False, before all are drawn, once more than `most_visits`
-    pixels were visited.
+    A pixel belongs to a triangle if its centre does. It begins with face `start` and ends after the one with which
+    `most_visits` pixels were visited. Returns the next face, and the number of visits.
     """
     height, width = inverse.shape
     visits = 0
-    for f in range(faces.shape[0]):
+    for f in range(start, faces.shape[0]):
         au, av, aw = uvw[faces[f, 0]]
         bu, bv, bw = uvw[faces[f, 1]]
         cu, cv, cw = uvw[faces[f, 2]]
@@ -89,8 +97,6 @@ def _rasterise(uvw: Array, faces: NDArray[np.int64], inverse: Array, most_visits
         if last < first or bottom < top:
             continue
         visits += (last - first + 1) * (bottom - top + 1)
-        if visits > most_visits:
-            return False
         for v in range(top, bottom + 1):
             for u in range(first, last + 1):
                 a = ((bu - u) * (cv - v) - (bv - v) * (cu - u)) / area
@@ -100,4 +106,6 @@ def _rasterise(uvw: Array, faces: NDArray[np.int64], inverse: Array, most_visits
                     w = a * aw + b * bw + c * cw
                     if w > inverse[v, u]:
                         inverse[v, u] = w
-    return True
+        if visits >= most_visits:
+            return f + 1, visits
+    return faces.shape[0], visits

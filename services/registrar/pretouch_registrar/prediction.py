@@ -21,8 +21,8 @@ from pretouch.scan_prediction import Candidate
 from pretouch.tof import Sensor
 from pretouch_registrar.engines.laplace import compiled_covariance_of_quadratic, fit_quadratics, make_curvature_draws
 from pretouch_registrar.engines.objective import assume_likeliest_hypothesis, linearize
-from pretouch_registrar.engines.patches import group_samples
-from pretouch_registrar.engines.registration_problem import Beams, RegistrationProblem, find_beam_patches
+from pretouch_registrar.engines.patches import Patches, group_samples
+from pretouch_registrar.engines.registration_problem import Beams, RegistrationProblem
 from pretouch_registrar.known_misses import find_repeated_misses
 from pretouch_registrar.ray_casting import cast_rays, spread_extents
 
@@ -92,6 +92,7 @@ def predict_candidate(
     covariance: Array,
     candidate: Candidate,
     sensor: Sensor,
+    earlier: Patches,
     truths_drawn: int = _TRUTHS,
 ) -> list[Outcome]:
     """What a scan of each of the candidate's pieces would leave of the estimate x (6,) with `covariance` (6, 6).
@@ -99,6 +100,9 @@ def predict_candidate(
     The mean over `truths_drawn` truths. Covariances are averaged, not information, so that the chance that a scan
     misses the object counts. Systematic errors remain, samples where earlier scans were add less information, and where
     those missed, so will this one.
+
+    Args:
+        earlier: the patches of the problem's beams.
     """
     draws = _draw_normal(truths_drawn)
     truths = np.concatenate([x[None], x + draws @ np.linalg.cholesky(covariance).T])
@@ -110,7 +114,6 @@ def predict_candidate(
     returned[:, find_repeated_misses(problem.beams, beams.origins[0], beams.directions[0])] = False
     ranges = np.where(returned, ranges, 0.0)
     points = beams.origins + ranges[..., None] * beams.directions
-    earlier = find_beam_patches(problem.beams, problem.shared)
     grouping = group_samples(points[0], beams.directions[0], returned[0], problem.shared, earlier)
     rate = sensor.rate * len(sensor.tip_T_module)
     chosen = np.stack([beams.choose(piece) for piece in (*candidate.pieces, _whole(candidate))])

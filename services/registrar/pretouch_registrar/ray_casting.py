@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pretouch.cancellation import check_cancelled
 from pretouch.geometry import Array
 from pretouch_registrar.engines import so3
 from pretouch_registrar.engines.camera_model import OBJECT, OTHER, UNSEEN
@@ -32,6 +33,10 @@ object was seen. On 40 training meshes before camera `window`, 0.63, 0.34, 0.23,
 were solid at 0 to 5, 10, 20, 40 and more millimetres, mostly up to the line of sight."""
 
 
+_TRUTHS_AT_ONCE = 8
+"""Truths whose beams are cast between two looks at whether anybody still waits."""
+
+
 def spread_extents(count: int) -> Array:
     """(count,), m: extents of equally probable truths, from the widest to none."""
     quantiles = (np.arange(count) + 0.5) / count
@@ -47,8 +52,12 @@ def cast_rays(
     hidden place within the truth's extent (t,), m. The range of a wide beam is the one that the problem's only
     hypothesis about its cone predicts, from the hidden surface that is nearest if the truth has an extent.
     """
-    ranges: Array = _cast_all(truths, origins, directions, extents, range_min, problem)
-    return ranges
+    ranges = []
+    for k in range(0, len(truths), _TRUTHS_AT_ONCE):
+        check_cancelled()
+        some = slice(k, k + _TRUTHS_AT_ONCE)
+        ranges.append(_cast_all(truths[some], origins[some], directions[some], extents[some], range_min, problem))
+    return np.concatenate(ranges)
 
 
 @njit(cache=True, nogil=True)

@@ -8,12 +8,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pretouch.cancellation import check_cancelled
+from pretouch.errors import TooLarge, UnknownScene
 from pretouch.estimate import MIN_FIT, Estimate, Mode, Prior, from_prior, point_error, select_arms
 from pretouch.expected_error import compute_expected_errors
 from pretouch.geometry import Array
 from pretouch.scan_prediction import Candidate, Prediction, check_pieces
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
+from pretouch.tracing import span
 from pretouch_registrar.beam_selection import select_beams
 from pretouch_registrar.downsampling import downsample_scene
 from pretouch_registrar.engines import Engine, camera_model, solve
@@ -21,15 +24,25 @@ from pretouch_registrar.engines.beam_width import ASSUMED_HALF_ANGLE, is_wide_be
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.goodness_of_fit import compute_p_value
 from pretouch_registrar.engines.inliers import classify_samples
-from pretouch_registrar.engines.registration_problem import RegistrationProblem, build_problem
+from pretouch_registrar.engines.registration_problem import (
+    RegistrationProblem,
+    build_problem,
+    find_beam_patches,
+)
 from pretouch_registrar.engines.resources import Resources
 from pretouch_registrar.engines.solution import Solution, pose_from_correction
 from pretouch_registrar.lru_cache import LruCache
 from pretouch_registrar.observability import find_weak_directions
 from pretouch_registrar.prediction import count_truths, predict_candidate
 
-_MAX_MODELS, _MAX_SOLUTIONS = 32, 64
-"""Results that a registrar caches."""
+MAX_SAMPLES = 400_000
+"""Samples of all scans of one call."""
+CACHE_BYTES = 768 * 2**20
+"""Memory for recent results, unless a registrar is told otherwise: for hundreds of scenes of a usual size."""
+_SCENES, _MODELS, _SOLUTIONS = 0.2, 0.4, 0.4
+"""Shares of it for scenes, their models, and solutions, each of which keeps its model."""
+_SCENE_PIXEL, _MODEL_PIXEL, _MODEL_CELL, _SAMPLE = 32, 112, 60, 72
+"""Bytes that a pixel takes of a scene and of its model, scene included; a cell of its footprint; a sample."""
 _MAX_PRIOR_SIGMAS = 2.6
 """Standard deviations of the prior, per component, beyond which a correction contradicts it."""
 
@@ -50,14 +63,47 @@ class Registrar:
     owns as many threads as there are processors.
     """
 
-    def __init__(self) -> None:
-        self._models: LruCache[bytes, CameraModel] = LruCache(_MAX_MODELS)
-        self._solutions: LruCache[bytes, tuple[RegistrationProblem, Solution]] = LruCache(_MAX_SOLUTIONS)
+    def __init__(self, cache_bytes: int = CACHE_BYTES) -> None:
+        self.cache_bytes = cache_bytes
+        self._scenes: LruCache[bytes, Scene] = LruCache(int(_SCENES * cache_bytes), _weigh_scene)
+        self._models: LruCache[bytes, CameraModel] = LruCache(int(_MODELS * cache_bytes), _weigh_model)
+        self._solutions: LruCache[bytes, tuple[RegistrationProblem, Solution]] = LruCache(
+            int(_SOLUTIONS * cache_bytes), _weigh_solution
+        )
         self._resources = Resources()
 
+    def remember(self, scene: Scene) -> Scene:
+        """Keeps the scene for `recall`, under the hash of its content as it is; returns it as it is registered.
+
+        Raises:
+            InvalidInput: an object that is too large.
+        """
+        digest = scene.digest
+        known = self._scenes.get(digest)
+        if known is None:
+            known = downsample_scene(scene)
+            for each in {digest, known.digest}:
+                self._scenes.put(each, known)
+        return known
+
+    def recall(self, digest: bytes) -> Scene:
+        """The scene of a content hash (32,), as it is registered.
+
+        Raises:
+            UnknownScene: it was never sent, or long ago.
+        """
+        if (scene := self._scenes.get(digest)) is None:
+            raise UnknownScene("The registrar keeps no scene of this digest.", "Send the scene itself.")
+        return scene
+
     def register(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimate:
-        """The estimate from all scans; their order does not matter."""
-        scene = downsample_scene(scene)
+        """The estimate from all scans; their order does not matter.
+
+        Raises:
+            InvalidInput: an object that is too large.
+            TooLarge: more than MAX_SAMPLES samples.
+        """
+        scene = self.remember(scene)
         ordered = _select_scans(scene, scans, settings)
         if not ordered:
             return from_prior(settings.prior, scene.cloud)
@@ -65,7 +111,7 @@ class Registrar:
 
     def solve(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> Solution:
         """The engine's own solution behind `register`, with its other modes."""
-        scene = downsample_scene(scene)
+        scene = self.remember(scene)
         return self._solve_cached(scene, _select_scans(scene, scans, settings), settings)[1]
 
     def predict(
@@ -76,15 +122,19 @@ class Registrar:
         Engines `paper` and `pcl` cannot predict errors: they return the present expected error for each.
 
         Raises:
-            InvalidInput: more than MAX_PIECES pieces.
+            InvalidInput: more than MAX_PIECES pieces, or an object that is too large.
+            TooLarge: more than MAX_SAMPLES samples.
         """
         check_pieces(candidates)
-        scene = downsample_scene(scene)
+        scene = self.remember(scene)
         ordered = _select_scans(scene, scans, settings)
         problem, solution = self._solve_cached(scene, ordered, settings)
         truths = count_truths(problem, sum(len(candidate.pieces) for candidate in candidates))
+        earlier = find_beam_patches(problem.beams, problem.shared)
         outcomes = self._resources.map(
-            lambda each: predict_candidate(problem, solution.x, solution.covariance, each, settings.sensor, truths),
+            lambda each: predict_candidate(
+                problem, solution.x, solution.covariance, each, settings.sensor, earlier, truths
+            ),
             candidates,
         )
         if not outcomes:
@@ -106,10 +156,16 @@ class Registrar:
 
     def _solve(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[RegistrationProblem, Solution]:
         model = self._models.get_or_make(scene.digest, lambda: camera_model.build(scene))
+        check_cancelled()
         problem = build_problem(model, scans, settings.prior, settings.sensor)
+        check_cancelled()
         if not scans:
             return problem, Solution(np.zeros(6), settings.prior.covariance())
-        solution = solve(settings.engine, problem, model, self._resources)
+        try:
+            with span("solve", {"pretouch.engine": settings.engine.value, "pretouch.scans": len(scans)}):
+                solution = solve(settings.engine, problem, model, self._resources)
+        except np.linalg.LinAlgError:  # a scene that no camera sees, whose numbers determine nothing
+            solution = Solution(np.zeros(6), settings.prior.covariance())
         if settings.engine is Engine.POSTERIOR and settings.sensor.beam_half_angle == 0.0:
             assumed = replace(settings.sensor, beam_half_angle=ASSUMED_HALF_ANGLE)
             wide = build_problem(model, scans, settings.prior, assumed)
@@ -144,8 +200,30 @@ def _bound_covariance(covariance: Array, bound: Array) -> Array:
 
 def _select_scans(scene: Scene, scans: Sequence[Scan], settings: Settings) -> list[Scan]:
     """The scans' beams near the object, in an order that does not depend on theirs; without empty or equal scans."""
+    check_samples(scans)
     near = (select_beams(scene, scan, settings.prior, settings.sensor) for scan in scans)
     return [scan for _, scan in sorted({_hash_scan(scan): scan for scan in near if len(scan)}.items())]
+
+
+def check_samples(scans: Sequence[Scan]) -> None:
+    """Raises TooLarge if the scans have more than MAX_SAMPLES samples together."""
+    count = sum(len(scan) for scan in scans)
+    if count > MAX_SAMPLES:
+        raise TooLarge(f"The scans have {count} samples; the limit is {MAX_SAMPLES}.", "Thin out the scans.")
+
+
+def _weigh_scene(scene: Scene) -> int:
+    return _SCENE_PIXEL * scene.mask.size
+
+
+def _weigh_model(model: CameraModel) -> int:
+    return _MODEL_PIXEL * model.scene.mask.size + _MODEL_CELL * model.footprint.top.size
+
+
+def _weigh_solution(solved: tuple[RegistrationProblem, Solution]) -> int:
+    problem = solved[0]
+    target = _MODEL_PIXEL * problem.target.pixels.kinds.size + _MODEL_CELL * problem.target.footprint.top.size
+    return target + _SAMPLE * len(problem.beams.weights)
 
 
 def _hash_scan(scan: Scan) -> bytes:

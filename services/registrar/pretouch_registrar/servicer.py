@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import grpc
 from google.protobuf.message import DecodeError
@@ -25,10 +26,13 @@ from pretouch.wire.common import (
 from pretouch.wire.scan_prediction import candidate_from_proto, predictions_to_proto
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.mesh_scene import mesh_scene
-from pretouch_registrar.registration import Registrar, Settings
+from pretouch_registrar.needs import BASE, BYTE_OF_TARGET, Request, estimate_memory, estimate_work
+from pretouch_registrar.registration import Registrar, Settings, check_samples
 
 MAX_TARGET_BYTES = 32 * 2**20
 MAX_STREAM_SCANS = 1000
+Asked = TypeVar("Asked", pb.RegisterRequest, pb.PredictScansRequest)
+Answer = TypeVar("Answer")
 _STREAM_ORDER = "Send the header first, then the target's chunks until scene_bytes or mesh_bytes are there, then scans."
 
 
@@ -51,24 +55,39 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     default: Engine
 
     async def Register(self, request: pb.RegisterRequest, context: grpc.aio.ServicerContext) -> pb.RegisterResponse:
-        return await self.context.run_in_thread(self._register, request)
+        return await self._run(self._register, request)
 
     def _register(self, request: pb.RegisterRequest) -> pb.RegisterResponse:
         scans = [scan_from_proto(scan) for scan in request.scans]
         settings = settings_from_proto(request.settings, self.default)
-        estimate = self.registrar.register(_read_target(request), scans, settings)
+        estimate = self.registrar.register(self._read_target(request), scans, settings)
         return pb.RegisterResponse(estimate=estimate_to_proto(estimate))
 
     async def PredictScans(
         self, request: pb.PredictScansRequest, context: grpc.aio.ServicerContext
     ) -> pb.PredictScansResponse:
-        return await self.context.run_in_thread(self._predict, request)
+        return await self._run(self._predict, request)
+
+    async def _run(self, compute: Callable[[Asked], Answer], request: Asked) -> Answer:
+        known = None
+        if request.WhichOneof("target") == "scene_digest":
+            known = self.registrar.recall(request.scene_digest)  # one that is not known is asked for at once
+        return await self.context.run_in_thread(compute, request, memory=estimate_memory(request, known))
 
     def _predict(self, request: pb.PredictScansRequest) -> pb.PredictScansResponse:
         scans = [scan_from_proto(scan) for scan in request.scans]
         candidates = [candidate_from_proto(candidate) for candidate in request.candidates]
         settings = settings_from_proto(request.settings, self.default)
-        return predictions_to_proto(self.registrar.predict(_read_target(request), scans, settings, candidates))
+        return predictions_to_proto(self.registrar.predict(self._read_target(request), scans, settings, candidates))
+
+    def _read_target(self, request: Request) -> Scene:
+        match request.WhichOneof("target"):
+            case "mesh":
+                return mesh_scene(mesh_from_proto(request.mesh))
+            case "scene_digest":
+                return self.registrar.recall(request.scene_digest)
+            case _:
+                return scene_from_proto(request.scene)
 
     async def RegisterStream(
         self, request_iterator: AsyncIterator[pb.RegisterStreamRequest], context: grpc.aio.ServicerContext
@@ -79,8 +98,11 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
             raise InvalidInput("The stream does not begin with a header.", _STREAM_ORDER)
         settings = settings_from_proto(first.header.settings, self.default)
         header = first.header
-        read = _decode_mesh if header.WhichOneof("target") == "mesh_bytes" else _decode_scene
-        scene = await self.context.run_in_thread(read, await _collect(steps, header.mesh_bytes or header.scene_bytes))
+        read = _decode_mesh if header.WhichOneof("target") == "mesh_bytes" else self._decode_scene
+        size = header.mesh_bytes or header.scene_bytes
+        data = await _collect(steps, size)
+        scene = await self.context.run_in_thread(read, data, memory=BASE + BYTE_OF_TARGET * size)
+        del data
         scans: list[Scan] = []
         async for step in steps:
             if step.WhichOneof("step") != "scan":
@@ -88,8 +110,18 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
             if len(scans) == MAX_STREAM_SCANS:
                 raise TooLarge(f"More than {MAX_STREAM_SCANS} scans came on one stream.", "Open a new stream.")
             scans.append(scan_from_proto(step.scan))
-            estimate = await self.context.run_in_thread(self.registrar.register, scene, tuple(scans), settings)
+            check_samples(scans)
+            memory = estimate_work(scene.mask.size, sum(map(len, scans)))
+            estimate = await self.context.run_in_thread(
+                self.registrar.register, scene, tuple(scans), settings, memory=memory
+            )
             yield pb.RegisterStreamResponse(estimate=estimate_to_proto(estimate))
+
+    def _decode_scene(self, data: bytes) -> Scene:
+        try:
+            return self.registrar.remember(scene_from_proto(common_pb2.Scene.FromString(data)))
+        except DecodeError:
+            raise Malformed("The scene's bytes are not a pretouch.v1.Scene.", "Send the serialised message.") from None
 
 
 async def _collect(steps: AsyncIterator[pb.RegisterStreamRequest], size: int) -> bytes:
@@ -109,21 +141,8 @@ async def _collect(steps: AsyncIterator[pb.RegisterStreamRequest], size: int) ->
     return bytes(data)
 
 
-def _decode_scene(data: bytes) -> Scene:
-    try:
-        return scene_from_proto(common_pb2.Scene.FromString(data))
-    except DecodeError:
-        raise Malformed("The scene's bytes are not a pretouch.v1.Scene.", "Send the serialised message.") from None
-
-
 def _decode_mesh(data: bytes) -> Scene:
     try:
         return mesh_scene(mesh_from_proto(common_pb2.MeshTarget.FromString(data)))
     except DecodeError:
         raise Malformed("The mesh's bytes are not a pretouch.v1.MeshTarget.", "Send the serialised message.") from None
-
-
-def _read_target(request: pb.RegisterRequest | pb.PredictScansRequest) -> Scene:
-    if request.WhichOneof("target") == "mesh":
-        return mesh_scene(mesh_from_proto(request.mesh))
-    return scene_from_proto(request.scene)

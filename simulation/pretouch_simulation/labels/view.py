@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from pretouch_orchestrator.sessions.loop import prepare_scene
+from pretouch_orchestrator.perception.preparation import prepare_scene
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.geometry import Pose

@@ -24,6 +24,8 @@ SCALE = 0.08
 _SIDE = 1.5
 """The square's side over the longer side of the object's bounding box: candidates reach beyond the object."""
 _LIMIT = 4.0
+_MAX_MEDIAN = 16
+"""px: side of the largest square over which a median is taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +81,8 @@ def encode(scene: Scene) -> Encoding:
 
 
 def _sample_depths(metres: NDArray[np.float32], window: tuple[NDArray[np.intp], ...], half: float) -> Array:
-    """Depths at the window's pixels; where these are further apart than 2 px, the median around each."""
-    step = int(2 * half / SIZE)
+    """Depths at the window's pixels; where these are 2 px or more apart, the median around each."""
+    step = min(int(2 * half / SIZE), _MAX_MEDIAN)
     if step < 2:
         return np.asarray(metres[window], dtype=np.float64)
     rows, columns = (np.ravel(axis) for axis in window)

@@ -7,6 +7,7 @@ may be missing also has `explain_unready() -> str`, empty when the proposer can 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -49,7 +50,9 @@ def propose(scene: Scene, proposer: Proposer | None, sensor: Sensor, count: int,
     chosen = proposer or list_readiness()[0][0]
     if obstacle := _explain_unready(chosen):
         names = ", ".join(name for name, reason in list_readiness() if not reason)
-        raise Unavailable(f"The proposer {chosen} is not ready: {obstacle}", f"Choose one of {names}.")
+        raise Unavailable(
+            f"The proposer {chosen} is not ready: {obstacle}", f"Choose one of {names}.", retry_after=math.inf
+        )
     regions: list[ProposedRegion] = _import_module(chosen).propose(scene, sensor, count, np.random.default_rng(seed))
     return Proposals(chosen, regions)
 

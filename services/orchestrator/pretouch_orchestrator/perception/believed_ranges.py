@@ -33,6 +33,8 @@ _LEVEL_REACH = 0.15
 _NO_HIT_RANGE = 1.0
 """m: the range of a beam that hits nothing."""
 _MAX_STEPS = 256
+_BEAMS_AT_ONCE = 1024
+"""Beams that are followed together, which takes memory for all of their steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +108,13 @@ class Surface:
         return cells[..., 0].clip(0, nx - 1), cells[..., 1].clip(0, ny - 1)
 
     def _intersect(self, starts: Array, ways: Array) -> Array:
-        """`predict_ranges` in the table's frame, in steps of one cell; vertical beams take a single step."""
+        """`predict_ranges` in the table's frame."""
+        parts = range(0, len(starts), _BEAMS_AT_ONCE)
+        met = [self._follow(starts[k : k + _BEAMS_AT_ONCE], ways[k : k + _BEAMS_AT_ONCE]) for k in parts]
+        return np.concatenate([np.zeros(0), *met])
+
+    def _follow(self, starts: Array, ways: Array) -> Array:
+        """`_intersect` for a few beams, in steps of one cell; vertical beams take a single step."""
         falling, down = -ways[:, 2] >= _MIN_DOWNWARD, -ways[:, 2:]
         fall = np.where(falling, down[:, 0], 1.0)
         longest = np.where(falling, (starts[:, 2] - min(float(self.heights.min()), 0.0)) / fall, _LEVEL_REACH)

@@ -49,7 +49,6 @@ class CandidatePath:
 def plan_object_paths(
     planner: PathPlanner,
     regions: Sequence[Region],
-    origin: tuple[int, int],
     pieces: Sequence[float],
     closed: Collection[str] = (),
 ) -> list[CandidatePath]:
@@ -58,14 +57,13 @@ def plan_object_paths(
     Without pieces, whole perimeters are scanned, as in the paper, or their beginnings if the budget allows no more.
 
     Args:
-        origin: the pixel of the client's image, which the regions are in, where the planner's scene begins.
+        regions: in the pixels of the planner's scene.
         pieces: m, lengths of the pieces that may be scanned alone.
         closed: ids of paths that are not planned any more.
     """
-    u0, v0 = origin
     candidates = []
     for region in regions:
-        path = planner.follow_perimeter(region.rectangle.shifted(-u0, -v0)) if region.id not in closed else None
+        path = planner.follow_perimeter(region.rectangle) if region.id not in closed else None
         if path is not None:
             candidates.append(CandidatePath(region.id, region.id, path, _cut(path, pieces)))
     if pieces:

@@ -17,6 +17,8 @@ _SCANNED_RADIUS = 0.005
 _BEAM_RADIUS = 0.003
 """m around a predicted beam within which a point of the object stops it."""
 _PREDICTED_POINTS = 400
+_LEAST_STEP = 0.001
+"""m between the samples that are predicted: of a slow or fast sampling finger those between them show the same."""
 _MAX_MODULES = 16
 """Modules whose beams are cast: those of a multizone sensor are closer together than the radius that counts."""
 
@@ -50,7 +52,8 @@ class CoveragePredictor:
 
     def predict_fractions(self, path: Trajectory, spans: Sequence[tuple[float, float]]) -> Array:
         """(k,): the share of the object that is scanned after a scan of each span (start, end), s, of a path."""
-        times = np.arange(int(path.duration * self._sensor.rate) + 1) / self._sensor.rate
+        seconds = max(1 / self._sensor.rate, path.duration * _LEAST_STEP / max(path.length, _LEAST_STEP))
+        times = np.asarray(np.arange(int(path.duration / seconds) + 1) * seconds, dtype=np.float64)
         reached = np.zeros((len(times) + 1, len(self._seen)), dtype=np.int16)
         for k, points in self._find_reached(path, times):
             reached[k + 1, points] = 1

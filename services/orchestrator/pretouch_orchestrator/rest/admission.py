@@ -1,4 +1,4 @@
-"""Admission of REST requests: checks the token, and logs and counts every request."""
+"""Admission of REST requests: checks host, origin and token, and logs and counts every request."""
 
 from __future__ import annotations
 
@@ -6,22 +6,36 @@ import time
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from pretouch.errors import Forbidden
 from pretouch.serving import ServiceContext
-from pretouch.serving.admission import TokenCheck
+from pretouch.serving.caller import Caller, forbid_change, set_caller
+from pretouch_orchestrator.rest.hosts import HostCheck, is_same_origin
+from pretouch_orchestrator.rest.login import (
+    LOGIN_PATH,
+    LOGOUT_PATH,
+    get_cookie_authorization,
+    redirect_to_login,
+    wants_page,
+)
 from pretouch_orchestrator.rest.problems import build_problem_response
 
 OPEN_PATHS = ("/healthz", "/readyz")
 """Paths that need no token."""
-_QUIET_PATHS = (*OPEN_PATHS, "/metrics")
+METRICS_PATH = "/metrics"
+_QUIET_PATHS = (*OPEN_PATHS, METRICS_PATH)
 """Paths that are polled every few seconds and therefore not logged."""
 
 
 class AdmissionMiddleware:
-    """Passes requests that carry the token to `app`, and logs and counts all of them."""
+    """Passes requests that come by an allowed name and carry a token to `app`, and logs and counts all of them."""
 
-    def __init__(self, app: ASGIApp, context: ServiceContext) -> None:
+    def __init__(self, app: ASGIApp, context: ServiceContext, hosts: HostCheck) -> None:
         self._app = app
-        self._token_check = TokenCheck(context.settings.token)
+        self._hosts = hosts
+        self._token_check = context.token_check
+        self._open_paths = {*OPEN_PATHS, LOGIN_PATH, LOGOUT_PATH}
+        if context.settings.open_metrics:
+            self._open_paths.add(METRICS_PATH)
         self._log = context.log
         self._requests = context.metrics.counter("http_requests", "REST requests that ended.", ("route", "status"))
         self._seconds = context.metrics.histogram("http_request_seconds", "Duration of REST requests.", ("route",))
@@ -40,8 +54,7 @@ class AdmissionMiddleware:
             await send(message)
 
         try:
-            refusal = None if scope["path"] in OPEN_PATHS else self._token_check.refusal(_get_authorization(scope))
-            app = self._app if refusal is None else build_problem_response(refusal)
+            app = self._find_refusal(scope) or self._app
             await app(scope, receive, send_and_note_status)
         finally:
             seconds = time.perf_counter() - began
@@ -53,6 +66,32 @@ class AdmissionMiddleware:
                     "request", method=scope["method"], path=scope["path"], status=status, seconds=round(seconds, 6)
                 )
 
-
-def _get_authorization(scope: Scope) -> bytes:
-    return bytes(dict(scope["headers"]).get(b"authorization", b""))
+    def _find_refusal(self, scope: Scope) -> ASGIApp | None:
+        """The answer to a request that may not pass; None, and its caller known, if it may."""
+        foreign = self._hosts.find_refusal(scope)
+        if foreign is not None:
+            return build_problem_response(foreign)
+        if scope["path"] in self._open_paths:
+            set_caller(Caller(read_only=True))
+            return None
+        headers = dict(scope["headers"])
+        authorization = headers.get(b"authorization", b"")
+        by_cookie = not authorization
+        if by_cookie:
+            authorization = get_cookie_authorization(scope)
+        caller = self._token_check.identify(authorization)
+        if caller is None:
+            if wants_page(scope):
+                return redirect_to_login(scope)
+            address = scope["client"][0] if scope["client"] else ""
+            return build_problem_response(self._token_check.refuse(authorization, address))
+        if scope["method"] not in ("GET", "HEAD"):
+            if caller.read_only:
+                return build_problem_response(forbid_change())
+            origin, host = headers.get(b"origin", b""), headers.get(b"host", b"")
+            if by_cookie and authorization and not is_same_origin(origin.decode("latin-1"), host.decode("latin-1")):
+                return build_problem_response(
+                    Forbidden("A cookie alone may change nothing.", "Send the token as `Authorization: Bearer TOKEN`.")
+                )
+        set_caller(caller)
+        return None

@@ -7,19 +7,16 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import aclosing
 from typing import Any
 
-import numpy as np
 from fastapi import FastAPI, Request
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
-from numpy.typing import NDArray
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
-from pretouch.camera import decode_depth, decode_png
-from pretouch.errors import Conflict, InvalidInput, Malformed
+from pretouch.errors import Conflict, Malformed
 from pretouch.serving import ServiceContext
-from pretouch.session import SessionRequest, Submission, Telling
+from pretouch.serving.caller import current_caller
+from pretouch.session import Submission, Telling
 from pretouch.wire.json import (
     progress_to_json,
-    request_from_json,
     scan_plan_to_json,
     session_to_json,
     submission_from_json,
@@ -27,11 +24,15 @@ from pretouch.wire.json import (
 )
 from pretouch_orchestrator.rest import examples, models, openapi
 from pretouch_orchestrator.rest.admission import AdmissionMiddleware
-from pretouch_orchestrator.rest.bodies import parse_json, read_json, read_parts
 from pretouch_orchestrator.rest.body_limit import BodyLimit
+from pretouch_orchestrator.rest.decoding import hold_creation, read_document
 from pretouch_orchestrator.rest.docs_page import render_docs_page
-from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, ScanId, SessionId
+from pretouch_orchestrator.rest.head import HeadAsGet
+from pretouch_orchestrator.rest.hosts import HostCheck
+from pretouch_orchestrator.rest.login import add_login_routes
+from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, Purge, ScanId, SessionId
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
+from pretouch_orchestrator.rest.tracing import TracingMiddleware
 from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
 
 HEARTBEAT = 15.0
@@ -44,8 +45,18 @@ _DESCRIPTION = (
 )
 
 
-def create_rest_app(sessions: SessionManager, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> FastAPI:
-    """The application; `check` raises `Unavailable` while the store or an upstream service is not available."""
+def create_rest_app(
+    sessions: SessionManager,
+    context: ServiceContext,
+    check: Callable[[], Awaitable[None]],
+    hosts: HostCheck | None = None,
+) -> FastAPI:
+    """The application.
+
+    Args:
+        check: raises `Unavailable` while the store or an upstream service is not available.
+        hosts: names by which it may be called; None: those of the loopback interface.
+    """
     app = FastAPI(
         title="pretouch",
         description=_DESCRIPTION,
@@ -54,13 +65,16 @@ def create_rest_app(sessions: SessionManager, context: ServiceContext, check: Ca
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
     )
-    app.add_middleware(AdmissionMiddleware, context=context)
+    app.add_middleware(HeadAsGet)
+    app.add_middleware(AdmissionMiddleware, context=context, hosts=hosts or HostCheck())
     app.add_middleware(BodyLimit)
+    app.add_middleware(TracingMiddleware)  # the outermost, so that the log of a request names its trace
     answer_errors_as_problems(app, context)
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
     _add_service_routes(app, context, check)
-    openapi.install_document(app, token=context.settings.token is not None)
+    add_login_routes(app, context)
+    openapi.install_document(app, token=context.token_check.required)
     return app
 
 
@@ -81,8 +95,8 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
 
         Repeating a request with the same `Idempotency-Key` returns the session that the first call created.
         """
-        wanted, values, mask = await context.run_in_thread(_decode_creation, await read_parts(request))
-        session = await sessions.create(wanted, values, mask, idempotency_key or None)
+        async with hold_creation(request, context) as (wanted, values, mask):
+            session = await sessions.create(current_caller().owner, wanted, values, mask, idempotency_key or None)
         return JSONResponse(session_to_json(session), 201, {"Location": f"/v1/sessions/{session.id}"})
 
     @app.get(
@@ -96,8 +110,8 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     )
     async def list_sessions(limit: Limit = DEFAULT_PAGE, cursor: Cursor = "") -> Response:
         """Lists all sessions of this orchestrator in pages."""
-        page, following = await sessions.list_page(limit, cursor)
-        page_json = await context.run_in_thread(lambda: [session_to_json(session) for session in page])
+        page, following = await sessions.list_page(current_caller().owner, limit, cursor)
+        page_json = await context.run_briefly(lambda: [session_to_json(session) for session in page])
         return JSONResponse({"sessions": page_json, "next": following or None})
 
     @app.get(
@@ -111,17 +125,17 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     )
     async def get_session(session_id: SessionId) -> Response:
         """Returns the session's present state."""
-        return JSONResponse(session_to_json(await sessions.get(session_id)))
+        return JSONResponse(session_to_json(await sessions.get(current_caller().owner, session_id)))
 
     @app.delete(
         "/v1/sessions/{session_id}",
         status_code=204,
         summary="Cancel a session",
-        responses=openapi.describe_responses(204, {"description": "The session has ended."}, 401, 404, 503),
+        responses=openapi.describe_responses(204, {"description": "The session has ended."}, 401, 404, 422, 503),
     )
-    async def cancel_session(session_id: SessionId) -> Response:
-        """Cancels the session; one that has already ended keeps its state."""
-        await sessions.cancel(session_id)
+    async def cancel_session(session_id: SessionId, purge: Purge = False) -> Response:
+        """Cancels the session at once, whatever step is under way; one that has already ended keeps its state."""
+        await sessions.cancel(current_caller().owner, session_id, purge)
         return Response(status_code=204)
 
     @app.get(
@@ -135,7 +149,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
     )
     async def get_next_scan(session_id: SessionId) -> Response:
         """Returns the path that the fingertip should follow next."""
-        session = await sessions.get(session_id)
+        session = await sessions.get(current_caller().owner, session_id)
         if session.next_scan is None:
             raise Conflict(
                 f"The session is {session.state.value}: there is no next scan.", "Read its estimate, or open a new one."
@@ -156,9 +170,9 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         """Takes what the finger measured along the planned path. Repeating a scan returns the present session."""
 
         async def read() -> Submission:
-            return await context.run_in_thread(_decode_submission, await read_json(request))
+            return await read_document(request, context, submission_from_json)
 
-        return JSONResponse(session_to_json(await sessions.submit(session_id, scan_id, read)))
+        return JSONResponse(session_to_json(await sessions.submit(current_caller().owner, session_id, scan_id, read)))
 
     @app.post(
         "/v1/sessions/{session_id}/scans/{scan_id}/samples",
@@ -177,30 +191,9 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
         """
 
         async def read() -> Telling:
-            return await context.run_in_thread(_decode_telling, await read_json(request))
+            return await read_document(request, context, telling_from_json)
 
-        return JSONResponse(progress_to_json(await sessions.tell(session_id, scan_id, read)))
-
-
-def _decode_creation(
-    parts: dict[str, bytes],
-) -> tuple[SessionRequest, NDArray[np.generic], NDArray[np.generic] | None]:
-    request = request_from_json(parse_json(parts["request"], "The part 'request'"))
-    values = decode_depth(parts["depth"])
-    if "mask" not in parts:
-        return request, values, None
-    mask = decode_png(parts["mask"], "mask")
-    if mask.ndim != 2:
-        raise InvalidInput("The mask has several channels.", "Send a greyscale PNG without transparency.")
-    return request, values, mask
-
-
-def _decode_submission(body: bytes) -> Submission:
-    return submission_from_json(parse_json(body, "The body"))
-
-
-def _decode_telling(body: bytes) -> Telling:
-    return telling_from_json(parse_json(body, "The body"))
+        return JSONResponse(progress_to_json(await sessions.tell(current_caller().owner, session_id, scan_id, read)))
 
 
 def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
@@ -219,16 +212,16 @@ def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
         """Streams the events `session`, `scan`, `estimate` and `end`, from the session's start to its end."""
         if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
             raise Malformed(f"Last-Event-ID is {last_event_id!r:.80}.", "Send the id of an event of this session.")
-        await sessions.get(session_id)
+        await sessions.get(current_caller().owner, session_id)
         return StreamingResponse(
-            _stream_events(sessions, session_id, int(last_event_id or 0)),
+            _stream_events(sessions, current_caller().owner, session_id, int(last_event_id or 0)),
             media_type="text/event-stream",
             headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
         )
 
 
-async def _stream_events(sessions: SessionManager, session_id: SessionId, after: int) -> AsyncIterator[str]:
-    async with aclosing(sessions.follow(session_id, after, HEARTBEAT)) as events:
+async def _stream_events(sessions: SessionManager, owner: str, session_id: str, after: int) -> AsyncIterator[str]:
+    async with aclosing(sessions.follow(owner, session_id, after, HEARTBEAT)) as events:
         async for event in events:
             if event is None:
                 yield ": still here\n\n"

@@ -108,10 +108,16 @@ async def _read_items(request: Request, content_type: str) -> list[tuple[str, by
         await form.close()
 
 
+class _InMemory(MultiPartParser):
+    """Writes no part to a disk that may be full: bodies are small, and counted (`BodyLimit`)."""
+
+    spool_max_size = MAX_BODY
+
+
 async def _parse_form(request: Request, content_type: str) -> FormData:
     # Latin-1 maps bytes to characters one to one, so that the bytes of a part without a file name can be recovered.
     headers = Headers({"content-type": f"{_strip_charset(content_type)}; charset=latin-1"})
-    parser = MultiPartParser(headers, request.stream(), max_files=8, max_fields=8, max_part_size=MAX_BODY)
+    parser = _InMemory(headers, request.stream(), max_files=8, max_fields=8, max_part_size=MAX_BODY)
     try:
         return await parser.parse()
     except MultiPartException as error:

@@ -1,4 +1,4 @@
-"""Refuses bodies that are too large while they are read, in a way that lets the client receive the answer."""
+"""Refuses bodies that are too large, or framed in two ways, so that the client receives the answer."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from contextlib import suppress
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pretouch.errors import TooLarge
+from pretouch.errors import Malformed, TooLarge
+from pretouch_orchestrator.rest.problems import build_problem_response
 
+MAX_HEAD = 16 * 1024
+"""Bytes of a request's path and headers."""
 MAX_BODY = 16 * 1024 * 1024
 """Bytes of a request's body."""
 _LINGER_BYTES, _LINGER_SECONDS = 2 * MAX_BODY, 2.0
@@ -27,13 +30,32 @@ class BodyLimit:
             await self._app(scope, receive, send)
             return
         headers = dict(scope["headers"])
+        if (error := _find_framing_error(scope)) is not None:
+            await build_problem_response(error, {"Connection": "close"})(scope, receive, send)
+            return
         length = headers.get(b"content-length", b"0")
         too_large = length.isdigit() and int(length) > MAX_BODY
+        chunked = b"transfer-encoding" in headers
         body = _Body(receive, too_large=too_large)
-        if too_large or b"transfer-encoding" in headers:
+        if too_large or chunked:
             # A client that waits for "100 Continue" has sent nothing yet, and reading would request the body.
             send = _Lingering(send, body, read_on=b"expect" not in headers)
         await self._app(scope, body, send)
+
+
+def _find_framing_error(scope: Scope) -> Malformed | TooLarge | None:
+    """What h11 lets pass: another HTTP, a length that a proxy may believe although the body comes in chunks, and a
+    large head that comes at once."""
+    names = {name for name, _ in scope["headers"]}
+    if not scope["http_version"].startswith("1."):
+        return Malformed(f"This port speaks HTTP/1.1, not HTTP/{scope['http_version']}.", "Call gRPC at its own port.")
+    if b"transfer-encoding" in names and b"content-length" in names:
+        return Malformed(
+            "The body has both a length and chunks.", "Send Content-Length or Transfer-Encoding, not both."
+        )
+    if sum(len(name) + len(value) for name, value in scope["headers"]) + len(scope["raw_path"]) > MAX_HEAD:
+        return TooLarge("The request's head is too large.", f"Send headers of at most {MAX_HEAD} bytes.")
+    return None
 
 
 class _Body:

@@ -6,7 +6,7 @@ import json
 from html import escape
 from typing import Any
 
-_STYLE = """
+STYLE = """
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 56rem; margin: 2rem auto; padding: 0 1rem; }
 section { border-top: 1px solid #8886; padding: .5rem 0; }
@@ -29,7 +29,7 @@ def render_docs_page(document: dict[str, Any]) -> str:
     schemas = "".join(_render_schema(name, schema) for name, schema in document["components"]["schemas"].items())
     return (
         f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{escape(info['title'])} API</title>"
-        f"<meta name='viewport' content='width=device-width'><style>{_STYLE}</style>"
+        f"<meta name='viewport' content='width=device-width'><style>{STYLE}</style>"
         f"<h1>{escape(info['title'])} {escape(info['version'])}</h1><p>{escape(info['description'])}</p>"
         f"<p>For programs: <a href='/openapi.json'>/openapi.json</a>.</p>{operations}<h2>Documents</h2>{schemas}</html>"
     )

@@ -11,6 +11,7 @@ from pretouch.camera import Camera
 from pretouch.errors import (
     Conflict,
     DeadlineExceeded,
+    Forbidden,
     InvalidInput,
     Malformed,
     NotFound,
@@ -160,6 +161,7 @@ PROBLEMS: dict[int, dict[str, Any]] = {
         (
             Malformed("camera.fx is not a finite number.", "Send a finite number for camera.fx."),
             Unauthenticated("The request carries no token.", "Send `Authorization: Bearer TOKEN`."),
+            Forbidden("This token may only read.", "Use a token whose role is full."),
             NotFound("There is no session '0f3a9c52d1e84b67'.", "Create a session with POST /v1/sessions."),
             Conflict("The session is converged: there is no next scan.", "Read its estimate, or open a new one."),
             TooLarge("The scan has 20001 samples; the limit is 20000.", "Split or thin out the scan."),

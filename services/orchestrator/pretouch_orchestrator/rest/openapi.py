@@ -50,9 +50,12 @@ def describe_text(media_type: str, description: str, example: str) -> dict[str, 
 
 
 def describe_responses(status: int, success: dict[str, Any], *problems: int) -> dict[int | str, dict[str, Any]]:
-    """A route's successful response, and the statuses of its problem documents."""
+    """A route's successful response, and the statuses of its problem documents.
+
+    By a foreign name every route is refused (403), and after many wrong tokens each that asks for one (429).
+    """
     described: dict[int | str, dict[str, Any]] = {status: success}
-    for code in problems:
+    for code in sorted({*problems, 403, *((429,) if 401 in problems else ())}):
         content = {"schema": _refer_to(models.Problem), "example": examples.PROBLEMS[code]}
         described[code] = {"description": _TITLES[code], "content": {PROBLEM_TYPE: content}}
     return described

@@ -23,3 +23,4 @@ Limit = Annotated[int, Query(ge=1, le=MAX_PAGE, description="Largest number of s
 Cursor = Annotated[
     str, Query(pattern=r"^\d{0,18}$", description="`next` of the previous page; left out: the first page.")
 ]
+Purge = Annotated[bool, Query(description="Whether the session is also removed, with all that is stored of it.")]

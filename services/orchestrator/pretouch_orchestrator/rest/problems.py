@@ -32,9 +32,10 @@ def build_problem_response(error: PretouchError, headers: dict[str, str] | None 
     extra = dict(headers or {})
     if isinstance(error, Unauthenticated):
         extra["WWW-Authenticate"] = "Bearer"
-    if error.retry_after is not None:
-        extra["Retry-After"] = str(math.ceil(error.retry_after))
-    return JSONResponse(problem(error), wire_of(error).http_status, extra, media_type=PROBLEM_TYPE)
+    document = problem(error)
+    if "retry_after" in document:
+        extra["Retry-After"] = str(math.ceil(document["retry_after"]))
+    return JSONResponse(document, wire_of(error).http_status, extra, media_type=PROBLEM_TYPE)
 
 
 def answer_errors_as_problems(app: FastAPI, context: ServiceContext) -> None:
@@ -83,4 +84,5 @@ def answer_errors_as_problems(app: FastAPI, context: ServiceContext) -> None:
 def _find_allowed_methods(request: Request) -> str:
     """The methods of all routes at the request's path; the framework's own error names only those of the first."""
     routes = [route for route in request.app.routes if route.matches(request.scope)[0] is not Match.NONE]
-    return ", ".join(sorted({method for route in routes for method in getattr(route, "methods", ())}))
+    methods = {method for route in routes for method in getattr(route, "methods", ())}
+    return ", ".join(sorted(methods | ({"HEAD"} if "GET" in methods else set())))

@@ -7,7 +7,7 @@ from typing import Any
 
 from pretouch.estimate import MIN_FIT, Estimate, point_error
 from pretouch.exhaustion import Exhaustion, exhaustion_problem
-from pretouch.session import State
+from pretouch.session import Session, State
 from pretouch_orchestrator.sessions.record import Record
 
 
@@ -16,6 +16,11 @@ def end_session(record: Record, state: State, reason: dict[str, Any] | None = No
     if record.state.ended:
         return record
     return replace(record, state=state, next_scan=None, told=(), reason=reason)
+
+
+def cancel(session: Session) -> Session:
+    """The session cancelled; one that has already ended is returned unchanged."""
+    return session if session.state.ended else replace(session, state=State.CANCELLED, next_scan=None)
 
 
 def is_explained(estimate: Estimate) -> bool:

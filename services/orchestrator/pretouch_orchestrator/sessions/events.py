@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncGenerator
-from contextlib import suppress
 from dataclasses import asdict
-from weakref import WeakValueDictionary
 
+from pretouch.errors import NotFound, Unavailable
 from pretouch.session import Session
 from pretouch.wire.json import estimate_to_json, session_to_json
+from pretouch_orchestrator.store.changes import wait_for_change
 from pretouch_orchestrator.store.protocol import Event, NewEvent, Store
+
+_PAUSE = 2.0
+"""s after which a stream tries again to read from a store that could not be used."""
 
 
 def derive_events(before: Session | None, after: Session) -> list[NewEvent]:
@@ -30,47 +32,47 @@ def derive_events(before: Session | None, after: Session) -> list[NewEvent]:
 
 
 class Broker:
-    """Wakes the followers of a session. They read its events from the store, so that none is lost or repeated."""
+    """Follows sessions, whichever process steps them: followers read the events from the store, so that none is lost or
+    repeated.
+    """
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._changes: WeakValueDictionary[str, asyncio.Event] = WeakValueDictionary()
         self._closed = False
-
-    def publish(self, session_id: str) -> None:
-        """Call it once new events of the session are in the store."""
-        change = self._changes.pop(session_id, None)
-        if change is not None:
-            change.set()
 
     def close(self) -> None:
         """Ends all streams because the service stops."""
         self._closed = True
-        for session_id in list(self._changes):
-            self.publish(session_id)
+        self._store.changes.announce_all()
 
-    async def follow(self, session_id: str, after: int, heartbeat: float | None) -> AsyncGenerator[Event | None]:
+    async def follow(
+        self, owner: str, session_id: str, after: int, heartbeat: float | None
+    ) -> AsyncGenerator[Event | None]:
         """The session's events after the id `after`, past ones first, until its `end`; None after each `heartbeat`
-        seconds of silence.
+        seconds of silence. They also end where the session is removed, and wait where the store cannot be used.
 
         Raises:
             NotFound: no such session.
         """
-        ended = (await self._store.load_session(session_id)).state.ended
-        replayed = await self._store.load_events(session_id, 0)
-        # A client's id beyond the last event would wait for events that never come.
-        last = min(after, replayed[-1].id if replayed else 0)
-        while True:
-            change = self._changes.setdefault(session_id, asyncio.Event())
-            for event in await self._store.load_events(session_id, last):
+        session, _, newest = await self._store.load_session(owner, session_id)
+        ended = session.state.ended
+        last = min(after, newest)  # an id beyond it would wait for events that never come
+        while not self._closed:
+            change = self._store.changes.expect(session_id)
+            try:
+                events = await self._store.load_events(session_id, last)
+            except NotFound:
+                return
+            except Unavailable:  # the stream outlives an outage of the store
+                await wait_for_change(change, _PAUSE)
+                if heartbeat is not None:
+                    yield None
+                continue
+            for event in events:
                 yield event
                 last = event.id
                 ended = ended or event.type == "end"
-            if ended or self._closed:
+            if ended:
                 return
-            while not change.is_set():
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(heartbeat):
-                        await change.wait()
-                if not change.is_set():
-                    yield None
+            while not await wait_for_change(change, heartbeat):
+                yield None

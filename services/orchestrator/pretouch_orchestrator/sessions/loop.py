@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import asyncio
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import structlog
 from numpy.typing import NDArray
 
 from pretouch.camera import DepthImage
-from pretouch.errors import Unavailable
+from pretouch.errors import RefusedForSize, TooLarge, Unavailable, problem
 from pretouch.estimate import Estimate, from_prior
 from pretouch.exhaustion import Exhaustion
 from pretouch.scan_prediction import Candidate
-from pretouch.scene import Scene
-from pretouch.session import GatewaySpan, Planner, Points, Region, SessionRequest, Skipped, State, Submission
-from pretouch.session_warning import SessionWarning, merge_warnings
+from pretouch.session import GatewaySpan, Planner, Points, Region, ScanPlan, SessionRequest, Skipped, State, Submission
+from pretouch.session_warning import merge_warnings
 from pretouch.tof import RangeSamples, Scan
-from pretouch_orchestrator.perception.clusters import find_specks
-from pretouch_orchestrator.perception.depth_check import check_intrinsics
-from pretouch_orchestrator.perception.placement_check import check_placement
-from pretouch_orchestrator.perception.segmentation import find_object
+from pretouch_orchestrator.perception.preparation import estimate_preparation, prepare_scene
 from pretouch_orchestrator.planning.candidates import CandidatePath
 from pretouch_orchestrator.planning.planner import Option
 from pretouch_orchestrator.sessions.budget import find_limit, select_affordable
@@ -51,10 +46,22 @@ from pretouch_orchestrator.sessions.transitions import (
 )
 from pretouch_orchestrator.upstream.interfaces import Detector, Gateway, Registrar
 
+T = TypeVar("T")
 _log = structlog.get_logger()
-_CROP_MARGIN = 0.14
-"""m around the object that the crop keeps, besides three standard deviations of the prior."""
 _MAX_REGIONS = 12
+MAX_SAMPLES = 400_000
+"""Samples of all scans of a session: those that one call to the registrar may hold."""
+
+
+class RunInThread(Protocol):
+    """Runs `fn(*args)` off the event loop; `memory` is what it needs at its peak, in bytes."""
+
+    async def __call__(self, fn: Callable[..., T], *args: Any, memory: int = 0) -> T: ...
+
+
+async def run_here(fn: Callable[..., T], *args: Any, memory: int = 0) -> T:
+    """Runs `fn(*args)` at once, in a program that has nothing else to do."""
+    return fn(*args)
 
 
 class _Registered(NamedTuple):
@@ -70,12 +77,20 @@ class Loop:
 
     Args:
         gateway: None where the orchestrator was started without one.
+        run: runs the planning and perception of a step.
     """
 
-    def __init__(self, detector: Detector, registrar: Registrar, gateway: Gateway | None = None) -> None:
+    def __init__(
+        self,
+        detector: Detector,
+        registrar: Registrar,
+        gateway: Gateway | None = None,
+        run: RunInThread = run_here,
+    ) -> None:
         self._detector = detector
         self._registrar = registrar
         self._gateway = gateway
+        self._run = run
 
     async def open(
         self, id: str, created: float, request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
@@ -91,12 +106,19 @@ class Loop:
             InvalidInput: no depth, no object, no table, a mask or roi that does not fit, or what cannot be.
             PretouchError: what the detector or the registrar raised.
         """
-        scene, origin, warnings = await asyncio.to_thread(prepare_scene, request, depth, mask)
+        memory = estimate_preparation(depth.metres.size)
+        scene, origin, warnings = await self._run(prepare_scene, request, depth, mask, memory=memory)
+        step = round(request.camera.fx / scene.camera.fx)
         seed = zlib.crc32(scene.depth.metres.tobytes())
         proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)
-        estimate = await asyncio.to_thread(from_prior, request.prior, scene.cloud)
+        estimate = await self._run(from_prior, request.prior, scene.cloud)
         regions = tuple(
-            Region(f"region-{k}", region.rectangle.shifted(*origin), region.confidence, estimate.expected_error)
+            Region(
+                f"region-{k}",
+                region.rectangle.scaled(step).shifted(*origin),
+                region.confidence,
+                estimate.expected_error,
+            )
             for k, region in enumerate(proposed[:_MAX_REGIONS], start=1)
         )
         record = Record(id, created, request, scene, origin, proposer, regions, estimate, warnings=warnings)
@@ -107,7 +129,7 @@ class Loop:
 
         Samples of faulty modules are left out. A scan of which no sample is left still counts against the budget, and
         the estimate stays as it was except for its `sensor_problem`. If the next scan is no better, even one without a
-        single return, the session ends: a third one would fail too.
+        single return, the session ends: a third one would fail too. It fails if it has become too large to be sent.
 
         Raises:
             Conflict: the session has ended.
@@ -117,7 +139,12 @@ class Loop:
         """
         if scan_id in record.answered:
             return record
-        plan = get_pending_plan(record, scan_id)
+        try:
+            return await self._advance(record, get_pending_plan(record, scan_id), submission)
+        except RefusedForSize as error:
+            return end_session(record, State.FAILED, problem(error))
+
+    async def _advance(self, record: Record, plan: ScanPlan, submission: Submission) -> Record:
         if isinstance(submission, Skipped):
             return await self._plan_or_end(skip_scan(record, plan))
         if isinstance(submission, GatewaySpan):
@@ -125,9 +152,9 @@ class Loop:
             submission = complete_from_gateway(record, submission, fetched)
         else:
             submission = complete_with_rest(record, submission)
-        warnings = inspect_submission(record, plan, submission)
+        warnings = await self._run(inspect_submission, record, plan, submission)
         scan, estimate, faults = await self._register(record, submission)
-        after = await asyncio.to_thread(apply_scan, record, plan, submission, scan, estimate)
+        after = await self._run(apply_scan, record, plan, submission, scan, estimate)
         warnings += warn_of_faults(plan, faults)
         after = replace(after, warnings=merge_warnings(record.warnings, warnings))
         if record.estimate.sensor_problem and estimate.sensor_problem:
@@ -145,12 +172,17 @@ class Loop:
 
     async def _register(self, record: Record, submission: RangeSamples | Points) -> _Registered:
         """Registers all scans, this one included, without the samples of faulty modules."""
-        kept, faults = await asyncio.to_thread(drop_faulty_modules, record, submission)
+        kept, faults = await self._run(drop_faulty_modules, record, submission)
         if faults and isinstance(kept, RangeSamples) and len(kept) == 0:
             return _Registered(Scan.concatenate([]), replace(record.estimate, sensor_problem=faults), faults)
         if faults:
             _log.warning("modules of the sensor are left out", session=record.id, problem=faults)
         scan = scan_from_submission(record, kept)
+        if (count := sum(map(len, record.measured)) + len(scan)) > MAX_SAMPLES:
+            raise TooLarge(
+                f"With this scan the session would have {count} samples; the limit is {MAX_SAMPLES}.",
+                "Thin out the scan, or open a new session with the present estimate.",
+            )
         scans = replace(record, measured=(*record.measured, scan)).registrable_scans
         if not scans:
             return _Registered(scan, record.estimate, faults)
@@ -173,8 +205,8 @@ class Loop:
             return end_session(record, State.CONVERGED)
         if record.budget_used.scans >= record.request.budget.scans:
             return exhaust_session(record, Exhaustion.SCANS)
-        paths = await asyncio.to_thread(plan_over_object, record)
-        affordable = await asyncio.to_thread(select_affordable, record, paths)
+        paths = await self._run(plan_over_object, record)
+        affordable = await self._run(select_affordable, record, paths)
         options = await self._predict(record, affordable)
         record = update_regions(record, options)
         best = await self._choose(record, options)
@@ -182,7 +214,7 @@ class Loop:
             return plan_scan(record, best)
         if any(option.visible for option in options):
             return exhaust_session(record, Exhaustion.NOTHING_TO_GAIN)
-        limit = Exhaustion.OUT_OF_RANGE if affordable else await asyncio.to_thread(find_limit, record, paths)
+        limit = Exhaustion.OUT_OF_RANGE if affordable else await self._run(find_limit, record, paths)
         return exhaust_session(record, limit)
 
     async def _choose(self, record: Record, options: Sequence[Option]) -> Option | None:
@@ -193,7 +225,7 @@ class Loop:
         if record.request.planner is Planner.INFORMATION:
             best = await self._choose_carefully(record, [option for option in options if option.well_visible])
             if best is None and options:
-                nearby = await self._predict(record, await asyncio.to_thread(plan_nearby, record))
+                nearby = await self._predict(record, await self._run(plan_nearby, record))
                 best = await self._choose_carefully(record, [option for option in nearby if option.well_visible])
         return best or await self._choose_carefully(record, [option for option in options if option.visible])
 
@@ -222,27 +254,3 @@ class Loop:
             for candidate, predictions in zip(candidates, predicted, strict=True)
             for span, prediction in zip(candidate.spans, predictions, strict=True)
         ]
-
-
-def prepare_scene(
-    request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
-) -> tuple[Scene, tuple[int, int], tuple[SessionWarning, ...]]:
-    """The client's view cropped to the object's surroundings, without specks.
-
-    Returns:
-        The view, the crop's first pixel (u0, v0), and what is legal but odd about what the client sent.
-
-    Raises:
-        InvalidInput: no depth, no object, no table, a mask or roi that does not fit, or what cannot be.
-    """
-    warnings = check_intrinsics(request, depth.width, depth.height)
-    found = find_object(depth, request.camera, request.base_T_camera, request.roi, mask, request.table)
-    whole = found.scene
-    warnings += [*found.warnings, *check_placement(request, whole, found.seen)]
-    prior = request.prior
-    scene, origin = whole.cropped(
-        _CROP_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))
-    )
-    metres = scene.depth.metres
-    cleaned = np.where(find_specks(metres, scene.camera.fx) & ~scene.mask, 0, metres)
-    return replace(scene, depth=DepthImage(cleaned)), origin, tuple(warnings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Pose
+from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, Session, SessionRequest, State
 from pretouch.session_warning import SessionWarning
@@ -22,7 +23,8 @@ class Record:
 
     Attributes:
         created: s since the Unix epoch.
-        scene: the part of the client's view around the object, which the other services are sent.
+        scene: the part of the client's view around the object, which the other services are sent; every `step`-th
+            pixel of a large image.
         origin: first pixel (u0, v0) of `scene` in the client's image; `regions` are in the client's pixels.
         measured: the beams of each scan in `scans`, in the same order, without those of faulty modules.
         skipped: ids of regions that could not be reached.
@@ -30,6 +32,7 @@ class Record:
         answered: ids of the scans that the client has submitted or skipped.
         reason: a problem document, set when the session is exhausted or failed.
         warnings: what is legal but odd about the input so far.
+        version: that of the state in the store from which the record was derived; 0: it was not stored yet.
     """
 
     id: str
@@ -50,6 +53,17 @@ class Record:
     budget_used: BudgetUsed = field(default_factory=BudgetUsed)
     reason: dict[str, Any] | None = None
     warnings: tuple[SessionWarning, ...] = ()
+    version: int = 0
+
+    @property
+    def step(self) -> int:
+        """Pixels of the client's image from one of the scene's to the next."""
+        return round(self.request.camera.fx / self.scene.camera.fx)
+
+    def to_scene(self, rectangle: RotatedRectangle) -> RotatedRectangle:
+        """A rectangle of the client's image in the scene's pixels."""
+        u0, v0 = self.origin
+        return rectangle.shifted(-u0, -v0).scaled(1 / self.step)
 
     @property
     def registrable_scans(self) -> tuple[Scan, ...]:
@@ -66,6 +80,20 @@ class Record:
     def told_samples(self) -> RangeSamples:
         """All samples that were told of `next_scan`, in the order of time."""
         return RangeSamples.merge(self.told)
+
+    def with_told(self, samples: RangeSamples) -> Record:
+        """The record after these samples of `next_scan` were told too; raises `TooLarge`."""
+        return self._derived(RangeSamples.merge([self.told_samples, samples]), told=(*self.told, samples))
+
+    def with_version(self, version: int) -> Record:
+        """The same state as it is stored."""
+        return self._derived(self.told_samples, version=version)
+
+    def _derived(self, told_samples: RangeSamples, **changes: Any) -> Record:
+        """A changed copy that need not merge anew, chunk by chunk, what is merged already."""
+        record = replace(self, **changes)
+        record.__dict__["told_samples"] = told_samples
+        return record
 
     def corrected_cloud(self) -> Array:
         """(n, 3), m, in base: the object's points, corrected by the present estimate."""

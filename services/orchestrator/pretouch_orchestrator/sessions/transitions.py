@@ -149,7 +149,8 @@ def plan_over_object(record: Record) -> list[CandidatePath]:
     pieces: tuple[float, ...] = ()
     if record.request.planner is Planner.INFORMATION:
         pieces = PIECES if record.registrable_scans else FIRST_PIECES
-    return plan_object_paths(planner, record.regions, record.origin, pieces, _list_closed(record))
+    regions = [replace(region, rectangle=record.to_scene(region.rectangle)) for region in record.regions]
+    return plan_object_paths(planner, regions, pieces, _list_closed(record))
 
 
 def _list_closed(record: Record) -> set[str]:

@@ -14,10 +14,11 @@ class StoreKind(StrEnum):
     """The kinds of store; each is the module of its name, with a function `open_store(place)`."""
 
     SQLITE = "sqlite"
+    POSTGRESQL = "postgresql"
 
 
 def open_store(address: str) -> AbstractAsyncContextManager[Store]:
-    """Opens the store at `address`, which is KIND:PLACE; what a place is depends on the kind.
+    """Opens the store at `address`, which is KIND:PLACE: sqlite:FOLDER or postgresql://USER:PASSWORD@HOST/DATABASE.
 
     Raises:
         InvalidInput: there is no such kind.

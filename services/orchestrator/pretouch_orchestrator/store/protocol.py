@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
+from pretouch.errors import Conflict
 from pretouch.session import Session
 from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store.changes import Changes
 
 
 @dataclass(frozen=True)
@@ -33,40 +35,144 @@ class KeyedRequest:
     fingerprint: str
 
 
-class Store(Protocol):
-    """Persistent sessions. Each method is one transaction, which is committed when it returns.
+class Snapshot(NamedTuple):
+    """A session as its client sees it, the version of its state, and the id of its newest event."""
 
-    Methods that take a session raise `NotFound` if it does not exist.
+    session: Session
+    version: int
+    last_event: int
+
+
+class Owned(NamedTuple):
+    """A session's name and its owner."""
+
+    owner: str
+    id: str
+
+
+class Stale(Conflict):
+    """The state that an update was computed from is no longer the present one: load it and compute again."""
+
+    def __init__(self) -> None:
+        super().__init__("The session changed meanwhile.", "Read it, then go on from there.")
+
+
+class Busy(Conflict):
+    """Somebody else holds the session's lease: wait for a change, then try again."""
+
+    def __init__(self) -> None:
+        super().__init__("The session is in a step.", "Wait for the step's answer, then try again.")
+
+
+class Store(Protocol):
+    """Persistent sessions, which several processes may share. Each method is one transaction, committed on return.
+
+    Methods that take a session raise `NotFound` if it does not exist or belongs to another owner than is given, and all
+    raise `Unavailable` while the store cannot be used.
+
+    Attributes:
+        changes: announces each committed change of a session and each lease that ends, of all processes.
     """
 
-    async def create(self, record: Record, events: Sequence[NewEvent], key: KeyedRequest | None) -> None:
-        """Stores a new session with its first events and the idempotency key of its creation."""
+    changes: Changes
+
+    async def create(self, owner: str, record: Record, events: Sequence[NewEvent], key: KeyedRequest | None) -> Record:
+        """Stores a new session with its first events and the idempotency key of its creation; the record as stored.
+
+        Raises:
+            Stale: the key has been used meanwhile.
+        """
         ...
 
-    async def update(self, record: Record, events: Sequence[NewEvent]) -> None:
-        """Stores the session's new state, its new scans, newly told samples of the next one, and its new events."""
+    async def update(self, before: Record, after: Record, events: Sequence[NewEvent], lease: str | None) -> Record:
+        """Stores what a step has changed, and its events; the record as stored.
+
+        Args:
+            lease: the holder of the session's lease, which ends with the step; None for a step that takes no lease.
+
+        Raises:
+            Stale: `before` is not the present state.
+            Busy: the step takes no lease, and another one holds the session's.
+        """
         ...
 
-    async def load_record(self, session_id: str) -> Record:
-        """The complete record of a session."""
+    async def end(self, before: Snapshot, after: Session, events: Sequence[NewEvent]) -> None:
+        """Ends a session whatever step is under way, which then finds itself stale.
+
+        Raises:
+            Stale: `before` is not the present state.
+        """
         ...
 
-    async def load_session(self, session_id: str) -> Session:
+    async def load_record(self, owner: str, session_id: str, known: Record | None) -> Record:
+        """The complete record of a session: `known` itself if it is the present state; else what `known` lacks is read.
+
+        Args:
+            known: any earlier state of the session.
+        """
+        ...
+
+    async def load_session(self, owner: str, session_id: str) -> Snapshot:
         """A session as its client sees it."""
         ...
 
-    async def list_sessions(self, limit: int, before: int | None) -> tuple[list[Session], int | None]:
-        """At most `limit` sessions numbered below `before`, the newest first; the last one's number if more follow."""
+    async def is_present(self, record: Record) -> bool:
+        """Whether the record is the session's present state."""
+        ...
+
+    async def list_sessions(self, owner: str, limit: int, before: int | None) -> tuple[list[Session], int | None]:
+        """At most `limit` of the owner's sessions numbered below `before`, the newest first; the last one's number if
+        more follow.
+        """
         ...
 
     async def load_events(self, session_id: str, after: int) -> list[Event]:
         """The session's events whose id is greater than `after`."""
         ...
 
-    async def find_keyed(self, key: str) -> tuple[KeyedRequest, str] | None:
-        """The request that came with an idempotency key, and the id of the session that it created."""
+    async def find_keyed(self, owner: str, key: str) -> tuple[KeyedRequest, str] | None:
+        """The request that came with an idempotency key, and the id of the session that it created.
+
+        Keys older than KEY_LIFETIME are forgotten.
+        """
+        ...
+
+    async def acquire_lease(self, name: str, holder: str, seconds: float) -> bool:
+        """Takes a lease for `seconds`; False if another holder has it."""
+        ...
+
+    async def renew_leases(self, holders: Sequence[str], seconds: float) -> None:
+        """Extends the leases of these holders to `seconds` from now."""
+        ...
+
+    async def release_lease(self, name: str, holder: str) -> None:
+        """Ends a lease, unless somebody else has taken it over."""
+        ...
+
+    async def find_ended(self, limit: int, untouched: float | None) -> list[Owned]:
+        """At most `limit` ended sessions, the longest untouched first.
+
+        Args:
+            untouched: s for which they have not changed; None: those of any age.
+        """
+        ...
+
+    async def find_abandoned(self, limit: int, untouched: float) -> list[Owned]:
+        """At most `limit` sessions that have not ended and have not changed for `untouched` s."""
+        ...
+
+    async def remove(self, owner: str, session_id: str) -> None:
+        """Removes a session and all that belongs to it; nothing where there is none."""
+        ...
+
+    async def tidy(self) -> None:
+        """Forgets keys and leases that are past, and gives a little of the free space back to the file system."""
+        ...
+
+    async def used_bytes(self) -> int:
+        """What the sessions take."""
         ...
 
     async def check(self) -> None:
-        """Raises `Unavailable` if the store cannot write."""
+        """Writes to the disk; raises `Unavailable` if that fails."""
         ...

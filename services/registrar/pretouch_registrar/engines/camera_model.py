@@ -6,14 +6,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
+from pretouch.cancellation import check_cancelled
 from pretouch.geometry import Array
 from pretouch.scene import Scene
 from pretouch_registrar.engines.camera_noise import CameraNoise, measure_camera_noise
-from pretouch_registrar.engines.plane_fits import fit_planes
+from pretouch_registrar.engines.plane_fits import Window, fit_planes
 from pretouch_registrar.rotational_symmetry import find_symmetry_axis
 
 UNSEEN, OBJECT, TABLE, OTHER = 0, 1, 2, 3
@@ -43,6 +45,9 @@ _LAYER = 0.004
 """m: points of a cell this far below its highest one belong to the same surface."""
 _MAX_POINTS = 5000
 """Points of the cloud that are tested for rotational symmetry."""
+_MAX_LEVELS = 128
+"""Heights at which the line of sight over the object is looked for: those of objects above 38 cm are farther apart than
+a cell."""
 _CONE_REACH = 11
 """Cells around a cell that a ray may cross before it hits the surface."""
 
@@ -141,7 +146,7 @@ def build(scene: Scene) -> CameraModel:
     steps = max(2, round(_FIT_RADIUS * px_per_m / stride))
     solid = (kind == OBJECT) | (kind == OTHER)
     intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    depth, normals = fit_planes(metres, solid, intrinsics, steps, stride, _FIT_BAND)
+    depth, normals = fit_planes(metres, solid, intrinsics, Window(steps, stride, _FIT_BAND))
     points = scene.base_T_camera.apply(camera.back_project_image(depth))
     normals = scene.base_T_camera.rotate(normals)
     offsets = np.einsum("ijk,ijk->ij", normals, points)
@@ -151,6 +156,7 @@ def build(scene: Scene) -> CameraModel:
     own = kind == OTHER
     rims[own] = 0.0
     nearest[:, own], distance[own] = np.indices(mask.shape)[:, own], 0.0
+    check_cancelled()
     layers = _find_front_layers(metres, mask, round(_LAYER_REACH * px_per_m))
     pixels = Pixels(
         _gather(normals, offsets, points, nearest),
@@ -161,7 +167,9 @@ def build(scene: Scene) -> CameraModel:
         _to_single(rims),
         np.ascontiguousarray(kind, dtype=np.int8),
     )
+    check_cancelled()
     footprint = _build_footprint(scene, points[mask], metres, kind)
+    check_cancelled()
     return CameraModel(scene, pixels, footprint, noise, _find_free_turn(scene))
 
 
@@ -198,7 +206,8 @@ def _find_nearest(mask: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int32]]:
 
 def _find_front_layers(metres: Array, mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """(h, w) True on object pixels within `reach` pixels of others that lie behind them by more than _LAYER_GAP."""
-    farthest = ndimage.maximum_filter(np.where(mask, metres, 0.0), size=2 * reach + 1)
+    size = [2 * min(reach, n) + 1 for n in mask.shape]
+    farthest = ndimage.maximum_filter(np.where(mask, metres, 0.0), size=size)
     return np.asarray(mask & (farthest - metres > _LAYER_GAP))
 
 
@@ -271,9 +280,11 @@ def _fill_hull(seen: NDArray[np.bool_]) -> Array:
         equations = ConvexHull(cells).equations
     except QhullError:
         return seen.astype(np.float64)
-    places = np.indices(seen.shape).reshape(2, -1)
-    within = (equations[:, :2] @ places + equations[:, 2:] <= 1e-9).all(axis=0)
-    return within.reshape(seen.shape).astype(np.float64)
+    x, y = np.arange(seen.shape[0])[:, None], np.arange(seen.shape[1])
+    within = np.ones(seen.shape)
+    for a, b, c in equations:  # one after the other: all at once would take cells times edges of memory
+        within[a * x + b * y + c > 1e-9] = 0.0
+    return within
 
 
 def _average_top(top: Array, cells: NDArray[np.int64], heights: Array) -> Array:
@@ -299,19 +310,38 @@ def _bound_heights(
     across = corner + (np.stack([i, j], axis=1) + 0.5) * CELL
     foot = axes[:, :2] @ across.T
     foot = foot.T + scene.table.normal * (scene.table.offset - foot.T @ scene.table.normal)[:, None]
-    inverse = scene.base_T_camera.inverse()
-    open_ = np.ones(len(i), dtype=bool)
-    bound = np.zeros(len(i))
-    for height in np.arange(0.0, float(top.max()) + CELL, CELL):
-        seen = inverse.apply(foot[open_] + height * scene.table.normal)
-        u, v = np.round(scene.camera.project(seen)).astype(np.int64).T
-        inside = (u >= 0) & (v >= 0) & (u < metres.shape[1]) & (v < metres.shape[0])
-        u, v = np.where(inside, u, 0), np.where(inside, v, 0)
-        behind = inside & ((kind[v, u] == OBJECT) | (kind[v, u] == OTHER)) & (seen[:, 2] > metres[v, u] + 0.004)
-        still = np.flatnonzero(open_)
-        bound[still[behind]] = height
-        open_[still[~behind]] = False
-        if not open_.any():
-            break
+    camera_T_base, c = scene.base_T_camera.inverse(), scene.camera
+    highest = float(top.max())
+    levels = np.arange(0.0, highest + CELL, max(CELL, highest / _MAX_LEVELS))
+    up, intrinsics = camera_T_base.rotate(scene.table.normal), np.array([c.fx, c.fy, c.cx, c.cy])
+    bound = _find_lines_of_sight(camera_T_base.apply(foot), up, levels, metres, kind, intrinsics)
     high[i, j] = np.maximum(high[i, j], bound)
     return low, high
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _find_lines_of_sight(
+    feet: Array, up: Array, levels: Array, metres: Array, kind: NDArray[np.int64], intrinsics: Array
+) -> Array:
+    """(n,), m: the last of the increasing `levels` above each foot up to which all are hidden by things; 0 if none is.
+
+    Args:
+        feet: (n, 3), m, on the table, and `up` (3,), its normal, in the camera's frame.
+        metres, kind: (h, w).
+        intrinsics: (4,), fx, fy, cx, cy, px.
+    """
+    fx, fy, cx, cy = intrinsics
+    bounds = np.zeros(len(feet))
+    for n in range(len(feet)):
+        for level in levels:
+            z = feet[n, 2] + level * up[2]
+            if z < 1e-3:
+                break
+            u = int(np.rint(fx * (feet[n, 0] + level * up[0]) / z + cx))
+            v = int(np.rint(fy * (feet[n, 1] + level * up[1]) / z + cy))
+            if u < 0 or v < 0 or u >= metres.shape[1] or v >= metres.shape[0]:
+                break
+            if (kind[v, u] != OBJECT and kind[v, u] != OTHER) or z <= metres[v, u] + 0.004:
+                break
+            bounds[n] = level
+    return bounds

@@ -50,9 +50,12 @@ def measure_camera_noise(scene: Scene) -> CameraNoise:
     points = _select_table_points(scene)
     if len(points) < _FEWEST_PIXELS:
         return CameraNoise(UNKNOWN_PIXEL, UNKNOWN_PATCH)
-    residuals = _fit_plane(points)
-    column, row = np.floor(points[:, :2] / PATCH).astype(np.int64).T
-    patch = (column - column.min()) * (np.ptp(row) + 1) + row - row.min()
+    try:
+        residuals = _fit_plane(points)
+    except np.linalg.LinAlgError:  # all on one line
+        return CameraNoise(UNKNOWN_PIXEL, UNKNOWN_PATCH)
+    cells = np.floor(points[:, :2] / PATCH).astype(np.int64)
+    _, patch = np.unique(cells[:, 0] * (np.ptp(cells[:, 1]) + 1) + cells[:, 1], return_inverse=True)
     sums, counts = np.bincount(patch, residuals), np.bincount(patch)
     there = counts >= 0.5 * np.median(counts[counts > 0])
     means = sums[there] / counts[there]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from pretouch.cancellation import check_cancelled
 from pretouch.geometry import Array
 from pretouch_registrar.engines import so3
 from pretouch_registrar.engines.compiled import NO_REFERENCES
@@ -138,7 +139,8 @@ def compute_energies(xs: Array, problem: RegistrationProblem) -> Array:
 
 
 def compute_energies_in_parallel(xs: Array, problem: RegistrationProblem, resources: Resources) -> Array:
-    """`compute_energies` (m,) of corrections xs (m, 6), on all threads."""
+    """`compute_energies` (m,) of corrections xs (m, 6), on all threads; engines that search end here if cancelled."""
+    check_cancelled()
     if len(xs) * len(problem.beams.weights) < _MIN_PARALLEL_WORK:
         return np.asarray(compute_energies(xs, problem), dtype=np.float64)
     parts = np.array_split(np.ascontiguousarray(xs), resources.threads)

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pretouch.cancellation import check_cancelled
 from pretouch.geometry import Array
 
+_ROWS = 64
+"""Rows of an image that are fitted between two looks at whether anybody still waits."""
 
-@njit(cache=True)
-def fit_planes(
-    metres: Array, mask: NDArray[np.bool_], camera: Array, steps: int, stride: int, band: float
-) -> tuple[Array, Array]:
+
+class Window(NamedTuple):
+    """Neighbours of a plane fit.
+
+    Attributes:
+        steps, stride: so many pixels to each side, so many pixels apart.
+        band: m, the residual at which a neighbour counts little.
+    """
+
+    steps: int
+    stride: int
+    band: float
+
+
+def fit_planes(metres: Array, mask: NDArray[np.bool_], camera: Array, window: Window) -> tuple[Array, Array]:
     """Robust plane fits around each object pixel: its smoothed depth (h, w) and normal (h, w, 3), camera frame.
 
     A plane is linear in inverse depth over the image, 1/z = a u + b v + c, and a disparity camera's noise is constant
@@ -21,14 +37,24 @@ def fit_planes(
     Args:
         metres, mask: (h, w).
         camera: (4,), fx, fy, cx, cy, px.
-        steps, stride: so many pixels to each side, so many pixels apart.
-        band: m, the residual at which a neighbour counts little.
     """
+    depth, normals = metres.copy(), np.zeros((*metres.shape, 3))
+    for first in range(0, len(metres), _ROWS):
+        check_cancelled()
+        _fit_rows(first, min(first + _ROWS, len(metres)), metres, mask, camera, window, depth, normals)
+    return depth, normals
+
+
+@njit(cache=True, nogil=True)
+def _fit_rows(
+    first: int, end: int, metres: Array, mask: NDArray[np.bool_], camera: Array, window: Window,
+    depth: Array, normals: Array,
+) -> None:  # fmt: skip
+    """Fills rows `first` to `end` of the depth (h, w) and the normals (h, w, 3); see `fit_planes`."""
     fx, fy, cx, cy = camera
+    steps, stride, band = window
     h, w = metres.shape
-    depth = metres.copy()
-    normals = np.zeros((h, w, 3))
-    for i in range(h):
+    for i in range(first, end):
         for j in range(w):
             if not mask[i, j]:
                 continue
@@ -87,4 +113,3 @@ def fit_planes(
             normals[i, j, 0] = -nx / norm
             normals[i, j, 1] = -ny / norm
             normals[i, j, 2] = -nz / norm
-    return depth, normals

@@ -6,12 +6,19 @@ import os
 import weakref
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from typing import Any, TypeVar
 
+from pretouch.cancellation import check_cancelled
 from pretouch_registrar.engines.camera_model import CameraModel
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+
+def _apply(function: Callable[[T], R], item: T) -> R:
+    check_cancelled()
+    return function(item)
 
 
 class Resources:
@@ -29,8 +36,13 @@ class Resources:
         )
 
     def map(self, function: Callable[[T], R], items: Iterable[T]) -> list[R]:
-        """`function` of each item, on all threads: kernels release Python's lock. Calls must not be nested."""
-        return list(self._pool.map(function, items))
+        """`function` of each item, on all threads: kernels release Python's lock. Calls must not be nested.
+
+        Raises:
+            Cancelled: nobody waits for the result any more; items that were not begun are not.
+        """
+        jobs = [(copy_context(), item) for item in items]
+        return list(self._pool.map(lambda job: job[0].run(_apply, function, job[1]), jobs))
 
     def derive_from_model(self, model: CameraModel, make: Callable[[CameraModel], R]) -> R:
         """`make(model)`, cached for as long as the model lives; `make` must be a module's function.

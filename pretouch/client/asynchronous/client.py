@@ -1,33 +1,39 @@
-"""The base class of the asynchronous clients: every method, with retries; REST and gRPC add how messages are sent."""
+"""The base class of the clients: every method, with retries; REST and gRPC add how messages are sent."""
 
 # ruff: noqa: ASYNC109 -- a call's timeout covers its retries, which a timeout around the call could not tell apart
 
 from __future__ import annotations
 
 import asyncio
+import time
 from abc import ABC, abstractmethod
-from collections.abc import AsyncGenerator, AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
 from contextlib import aclosing
 from typing import Generic, Self
 
 from pretouch.client.api import AnswerT, Call, MessageT, ResultT, SessionApi, SessionPage
-from pretouch.client.events import Event, StreamProgress, stream_broken
+from pretouch.client.arguments import check_event_id, check_timeout, failing_as
+from pretouch.client.events import QUIET, Event, StreamProgress, stream_broken
 from pretouch.client.images import ImageLike
 from pretouch.client.retries import Attempts
-from pretouch.errors import DeadlineExceeded, PretouchError
+from pretouch.errors import Conflict, DeadlineExceeded, Internal, InvalidInput, PretouchError
 from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
+
+_REPORT = "Report it, with the error that it came from."
 
 
 class AsyncClient(ABC, Generic[MessageT, AnswerT]):
-    """A client of the orchestrator; use it in an `async with` block.
+    """A client of the orchestrator; `async with` closes it.
 
     Every method takes a `timeout` in seconds for the whole call, retries included, and raises the errors of
-    `pretouch.errors`.
+    `pretouch.errors`, no others.
     """
 
     def __init__(self, api: SessionApi[MessageT, AnswerT], timeout: float) -> None:
         self._api = api
-        self._timeout = timeout
+        self._timeout = check_timeout(timeout)
+        self._reached = False
+        self._closed = False
 
     async def __aenter__(self) -> Self:
         return self
@@ -35,9 +41,9 @@ class AsyncClient(ABC, Generic[MessageT, AnswerT]):
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
-    @abstractmethod
     async def close(self) -> None:
-        """Closes the connections."""
+        """Closes the connections; calls under way and later ones raise `Conflict`."""
+        self._closed = True
 
     async def create_session(
         self,
@@ -55,15 +61,15 @@ class AsyncClient(ABC, Generic[MessageT, AnswerT]):
             mask: (h, w), non-zero on the object; or a PNG file. Left out: the object is found on the table.
             idempotency_key: a repeated key returns the session that the first call created.
         """
-        return await self._run(self._api.create_session(request, depth, mask, idempotency_key), timeout)
+        return await self._run(lambda: self._api.create_session(request, depth, mask, idempotency_key), timeout)
 
     async def session(self, session_id: str, *, timeout: float | None = None) -> Session:
         """Returns the present state of a session."""
-        return await self._run(self._api.session(session_id), timeout)
+        return await self._run(lambda: self._api.session(session_id), timeout)
 
     async def sessions(self, limit: int = 50, cursor: str = "", *, timeout: float | None = None) -> SessionPage:
         """Returns a page of sessions, the newest first."""
-        return await self._run(self._api.sessions(limit, cursor), timeout)
+        return await self._run(lambda: self._api.sessions(limit, cursor), timeout)
 
     async def all_sessions(self, *, timeout: float | None = None) -> AsyncIterator[Session]:
         """Yields every session, the newest first, page by page."""
@@ -76,13 +82,13 @@ class AsyncClient(ABC, Generic[MessageT, AnswerT]):
 
     async def next_scan(self, session_id: str, *, timeout: float | None = None) -> ScanPlan:
         """Returns the plan of the next scan; raises `Conflict` if there is none."""
-        return await self._run(self._api.next_scan(session_id), timeout)
+        return await self._run(lambda: self._api.next_scan(session_id), timeout)
 
     async def submit(
         self, session_id: str, scan_id: str, submission: Submission, *, timeout: float | None = None
     ) -> Session:
         """Submits the result of a planned scan. Repeating a scan changes nothing and returns the present session."""
-        return await self._run(self._api.submit(session_id, scan_id, submission), timeout)
+        return await self._run(lambda: self._api.submit(session_id, scan_id, submission), timeout)
 
     async def tell(
         self, session_id: str, scan_id: str, telling: Telling, *, timeout: float | None = None
@@ -94,42 +100,70 @@ class AsyncClient(ABC, Generic[MessageT, AnswerT]):
         Raises:
             Conflict: the scan is closed, or samples before the chunk are missing; the detail says how many were told.
         """
-        return await self._run(self._api.tell(session_id, scan_id, telling), timeout)
+        return await self._run(lambda: self._api.tell(session_id, scan_id, telling), timeout)
 
-    async def cancel(self, session_id: str, *, timeout: float | None = None) -> None:
-        """Cancels a session; one that has ended keeps its state."""
-        await self._run(self._api.cancel(session_id), timeout)
+    async def cancel(self, session_id: str, *, purge: bool = False, timeout: float | None = None) -> None:
+        """Cancels a session at once, whatever step is under way; one that has ended keeps its state.
+
+        With `purge` it is also removed, with all that is stored of it.
+        """
+        await self._run(lambda: self._api.cancel(session_id, purge), timeout)
 
     async def events(self, session_id: str, after: int = 0) -> AsyncIterator[Event]:
         """Yields the session's events after the id `after`, each once, until its end; broken streams are resumed.
 
         The client's timeout limits the attempts to reconnect, not the time between events.
         """
-        progress = StreamProgress(after, self._timeout)
-        while not progress.ended:
-            start = progress.after
+        progress = StreamProgress(check_event_id(after), self._timeout)
+        while True:
+            start, began = progress.after, time.monotonic()
             try:
-                async with aclosing(self._listen(session_id, progress.after)) as events:
+                self._check_open()
+                async with aclosing(self._events_of_one_stream(session_id, start)) as events:
                     async for event in events:
-                        progress.record(event)
+                        if not progress.record(event):
+                            continue
                         yield event
                         if progress.ended:
                             return
-                if progress.after == start and (await self.session(session_id)).state.ended:
-                    return
+                if progress.after == start:
+                    session = await self.session(session_id)
+                    if session.state.ended:
+                        return
                 raise stream_broken()
-            except DeadlineExceeded:
-                await self.session(session_id)
             except PretouchError as error:
-                await asyncio.sleep(progress.delay_after(error))
+                self._check_open(error)
+                if isinstance(error, DeadlineExceeded) and time.monotonic() - began >= QUIET:
+                    await self.session(session_id)  # it answers: there was nothing to tell
+                    progress.start_anew()
+                else:
+                    await asyncio.sleep(progress.delay_after(error, self._reached))
 
-    async def _run(self, call: Call[MessageT, AnswerT, ResultT], timeout: float | None) -> ResultT:
-        attempts = Attempts(timeout or self._timeout)
+    async def _events_of_one_stream(self, session_id: str, after: int) -> AsyncGenerator[Event]:
+        with failing_as(Internal, "The event stream failed", _REPORT):
+            async with aclosing(self._listen(session_id, after)) as events:
+                async for event in events:
+                    self._reached = True
+                    yield event
+
+    async def _run(self, build: Callable[[], Call[MessageT, AnswerT, ResultT]], timeout: float | None) -> ResultT:
+        attempts = Attempts(self._timeout if timeout is None else check_timeout(timeout))
+        with failing_as(InvalidInput, "The call's arguments cannot be sent", "See the method's description."):
+            call = build()
         while True:
             try:
-                return call.parse(await self._send(call.message, attempts.remaining()))
+                self._check_open()
+                with failing_as(Internal, "The call failed", _REPORT):
+                    answer = await self._send(call.message, attempts.remaining())
+                    self._reached = True
+                    return call.parse(answer)
             except PretouchError as error:
-                await asyncio.sleep(attempts.delay_after(error))
+                self._check_open(error)
+                await asyncio.sleep(attempts.delay_after(error, self._reached))
+
+    def _check_open(self, error: PretouchError | None = None) -> None:
+        if self._closed:
+            raise Conflict("The client is closed.", "Open another one.") from error
 
     @abstractmethod
     async def _send(self, message: MessageT, seconds: float) -> AnswerT:

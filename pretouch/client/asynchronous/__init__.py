@@ -1,0 +1,1 @@
+"""The asynchronous clients. `synchronous` is generated from this package by `make client`."""

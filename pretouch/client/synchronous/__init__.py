@@ -1,0 +1,2 @@
+# Generated from pretouch/client/asynchronous by `make client`: change that.
+"""The synchronous clients, generated from `asynchronous`."""

@@ -1,0 +1,170 @@
+# Generated from pretouch/client/asynchronous by `make client`: change that.
+"""The base class of the clients: every method, with retries; REST and gRPC add how messages are sent."""
+
+# ruff: noqa: ASYNC109 -- a call's timeout covers its retries, which a timeout around the call could not tell apart
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
+from typing import Generic, Self
+
+from pretouch.client.api import AnswerT, Call, MessageT, ResultT, SessionApi, SessionPage
+from pretouch.client.arguments import check_event_id, check_timeout, failing_as
+from pretouch.client.events import QUIET, Event, StreamProgress, stream_broken
+from pretouch.client.images import ImageLike
+from pretouch.client.retries import Attempts
+from pretouch.errors import Conflict, DeadlineExceeded, Internal, InvalidInput, PretouchError
+from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
+
+_REPORT = "Report it, with the error that it came from."
+
+
+class SyncClient(ABC, Generic[MessageT, AnswerT]):
+    """A client of the orchestrator; `with` closes it.
+
+    Every method takes a `timeout` in seconds for the whole call, retries included, and raises the errors of
+    `pretouch.errors`, no others.
+    """
+
+    def __init__(self, api: SessionApi[MessageT, AnswerT], timeout: float) -> None:
+        self._api = api
+        self._timeout = check_timeout(timeout)
+        self._reached = False
+        self._closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the connections; calls under way and later ones raise `Conflict`."""
+        self._closed = True
+
+    def create_session(
+        self,
+        request: SessionRequest,
+        depth: ImageLike,
+        mask: ImageLike | None = None,
+        idempotency_key: str | None = None,
+        *,
+        timeout: float | None = None,
+    ) -> Session:
+        """Creates a session for one object.
+
+        Args:
+            depth: stored values (h, w) of uint16 or float32; or a 16-bit PNG or an .npy file, as bytes or path.
+            mask: (h, w), non-zero on the object; or a PNG file. Left out: the object is found on the table.
+            idempotency_key: a repeated key returns the session that the first call created.
+        """
+        return self._run(lambda: self._api.create_session(request, depth, mask, idempotency_key), timeout)
+
+    def session(self, session_id: str, *, timeout: float | None = None) -> Session:
+        """Returns the present state of a session."""
+        return self._run(lambda: self._api.session(session_id), timeout)
+
+    def sessions(self, limit: int = 50, cursor: str = "", *, timeout: float | None = None) -> SessionPage:
+        """Returns a page of sessions, the newest first."""
+        return self._run(lambda: self._api.sessions(limit, cursor), timeout)
+
+    def all_sessions(self, *, timeout: float | None = None) -> Iterator[Session]:
+        """Yields every session, the newest first, page by page."""
+        cursor, more = "", True
+        while more:
+            page = self.sessions(cursor=cursor, timeout=timeout)
+            for session in page.sessions:
+                yield session
+            cursor, more = page.next, bool(page.next)
+
+    def next_scan(self, session_id: str, *, timeout: float | None = None) -> ScanPlan:
+        """Returns the plan of the next scan; raises `Conflict` if there is none."""
+        return self._run(lambda: self._api.next_scan(session_id), timeout)
+
+    def submit(self, session_id: str, scan_id: str, submission: Submission, *, timeout: float | None = None) -> Session:
+        """Submits the result of a planned scan. Repeating a scan changes nothing and returns the present session."""
+        return self._run(lambda: self._api.submit(session_id, scan_id, submission), timeout)
+
+    def tell(self, session_id: str, scan_id: str, telling: Telling, *, timeout: float | None = None) -> ScanProgress:
+        """Tells samples of a planned scan while the robot moves: the robot may leave the path once they are `enough`.
+
+        Repeating a chunk changes nothing. `submit` closes the scan, with the rest of its samples or none.
+
+        Raises:
+            Conflict: the scan is closed, or samples before the chunk are missing; the detail says how many were told.
+        """
+        return self._run(lambda: self._api.tell(session_id, scan_id, telling), timeout)
+
+    def cancel(self, session_id: str, *, purge: bool = False, timeout: float | None = None) -> None:
+        """Cancels a session at once, whatever step is under way; one that has ended keeps its state.
+
+        With `purge` it is also removed, with all that is stored of it.
+        """
+        self._run(lambda: self._api.cancel(session_id, purge), timeout)
+
+    def events(self, session_id: str, after: int = 0) -> Iterator[Event]:
+        """Yields the session's events after the id `after`, each once, until its end; broken streams are resumed.
+
+        The client's timeout limits the attempts to reconnect, not the time between events.
+        """
+        progress = StreamProgress(check_event_id(after), self._timeout)
+        while True:
+            start, began = progress.after, time.monotonic()
+            try:
+                self._check_open()
+                with closing(self._events_of_one_stream(session_id, start)) as events:
+                    for event in events:
+                        if not progress.record(event):
+                            continue
+                        yield event
+                        if progress.ended:
+                            return
+                if progress.after == start:
+                    session = self.session(session_id)
+                    if session.state.ended:
+                        return
+                raise stream_broken()
+            except PretouchError as error:
+                self._check_open(error)
+                if isinstance(error, DeadlineExceeded) and time.monotonic() - began >= QUIET:
+                    self.session(session_id)  # it answers: there was nothing to tell
+                    progress.start_anew()
+                else:
+                    time.sleep(progress.delay_after(error, self._reached))
+
+    def _events_of_one_stream(self, session_id: str, after: int) -> Generator[Event]:
+        with failing_as(Internal, "The event stream failed", _REPORT):
+            with closing(self._listen(session_id, after)) as events:
+                for event in events:
+                    self._reached = True
+                    yield event
+
+    def _run(self, build: Callable[[], Call[MessageT, AnswerT, ResultT]], timeout: float | None) -> ResultT:
+        attempts = Attempts(self._timeout if timeout is None else check_timeout(timeout))
+        with failing_as(InvalidInput, "The call's arguments cannot be sent", "See the method's description."):
+            call = build()
+        while True:
+            try:
+                self._check_open()
+                with failing_as(Internal, "The call failed", _REPORT):
+                    answer = self._send(call.message, attempts.remaining())
+                    self._reached = True
+                    return call.parse(answer)
+            except PretouchError as error:
+                self._check_open(error)
+                time.sleep(attempts.delay_after(error, self._reached))
+
+    def _check_open(self, error: PretouchError | None = None) -> None:
+        if self._closed:
+            raise Conflict("The client is closed.", "Open another one.") from error
+
+    @abstractmethod
+    def _send(self, message: MessageT, seconds: float) -> AnswerT:
+        """Sends one message and returns its answer within `seconds`."""
+
+    @abstractmethod
+    def _listen(self, session_id: str, after: int) -> Generator[Event]:
+        """Yields the events of one connection; raises `DeadlineExceeded` after `QUIET` seconds without one."""
