@@ -175,14 +175,16 @@ def started(database: str | None) -> Iterator[Orchestrator]:
 
 
 def measure() -> dict[str, float]:
-    """All figures, of SQLite and PostgreSQL."""
+    """All figures, of SQLite and PostgreSQL; each is printed when it is known."""
     from helpers.postgresql import PostgresqlServer
 
     figures: dict[str, float] = {}
     with PostgresqlServer() as server:
         for name, database in (("SQLite", None), ("PostgreSQL", server.new_database())):
-            for part in (measure_bytes(database), measure_growth(database)):
-                figures |= {f"{name}, {figure}": value for figure, value in part.items()}
+            for measure_part in (measure_bytes, measure_growth):
+                for figure, value in measure_part(database).items():
+                    figures[f"{name}, {figure}"] = value
+                    print(f"{name}, {figure:40} {value:10.3f}", flush=True)
     return figures
 
 
@@ -191,7 +193,5 @@ if __name__ == "__main__":
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     out = parser.parse_args().json
     measured = measure()
-    for figure, value in measured.items():
-        print(f"{figure:50} {value:10.3f}")
     if out:
         out.write_text(json.dumps(measured, indent=1) + "\n")
