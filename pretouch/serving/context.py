@@ -19,9 +19,9 @@ from pretouch.serving.workers import Workers
 T = TypeVar("T")
 
 
-_SHARE_OF_MESSAGES = 0.25
-"""Share of the memory for requests while they are read and wait; the rest is for work on them. Two budgets, so that a
-request that waits for work cannot keep others from ending theirs."""
+_SHARE_OF_MESSAGES, _SHARE_OF_SHORT = 0.25, 0.1
+"""Shares of the memory for requests while they are read and wait: for those that may hold images, and for others, which
+do not wait behind them. The rest is for work, so that a request that waits for it cannot keep others from ending."""
 _BRIEF_QUEUE = 8
 """How many times as many brief jobs may wait as others."""
 
@@ -43,7 +43,7 @@ class ServiceContext:
         self.token_check = TokenCheck(Tokens(settings.token, settings.tokens_file))
         self.metrics = Metrics(name)
         self.draining = asyncio.Event()
-        self.messages, self._work = MemoryBudget(0), MemoryBudget(0)
+        self.messages, self.short_messages, self._work = MemoryBudget(0), MemoryBudget(0), MemoryBudget(0)
         self._set_aside = 0
         self.share_memory()
         self._workers = Workers(settings.workers, settings.max_queue, self._work)
@@ -56,13 +56,14 @@ class ServiceContext:
     @property
     def memory(self) -> int:
         """Bytes that requests may use at once, besides what the service itself holds."""
-        return self.messages.limit + self._work.limit
+        return self.messages.limit + self.short_messages.limit + self._work.limit
 
     def share_memory(self) -> None:
         """Divides what the process does not hold yet; called once more when the service is warm."""
         left = left_for_work(self.settings.memory - self._set_aside)
         self.messages.limit = int(_SHARE_OF_MESSAGES * left)
-        self._work.limit = left - self.messages.limit
+        self.short_messages.limit = int(_SHARE_OF_SHORT * left)
+        self._work.limit = left - self.messages.limit - self.short_messages.limit
 
     def set_aside(self, size: int) -> None:
         """Keeps `size` bytes from requests, for what the service will come to hold."""

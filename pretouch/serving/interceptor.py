@@ -8,6 +8,7 @@ import json
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import Any, cast
 from urllib.parse import unquote
 
@@ -31,12 +32,15 @@ from pretouch.errors import (
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.caller import Caller, forbid_change, set_caller
 from pretouch.serving.context import ServiceContext
+from pretouch.serving.memory import MemoryBudget
 from pretouch.tracing import server_span
 
 _HEALTH = "/grpc.health.v1.Health/"
 _DETAIL_LENGTH, _MESSAGE_LENGTH = 800, 150  # characters; gRPC refuses metadata beyond 8 KiB, however it is encoded
 _COPIES_READ, _COPIES_HELD = 3, 2
 """How often a message is in memory while it is parsed (gRPC's buffers, bytes, message), and while it is worked on."""
+_WITH_IMAGES = {"CreateSession", "Propose", "Register", "PredictScans"}
+"""Methods whose requests may hold an image: others are not kept waiting by them."""
 _PATIENCE, _READ_WITHIN = 5.0, 20.0  # s
 _FAILURES = (grpc.StatusCode.INTERNAL, grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
 _LOGGED_IDS = ((SESSION_ID_METADATA, "session"), (SCAN_ID_METADATA, "scan"))
@@ -71,7 +75,9 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
         """Takes every kind of call as a stream of requests: a single one is then read once there is memory for it."""
         kinds = ("unary_unary", "unary_stream") if not handler.request_streaming else ("stream_unary", "stream_stream")
         behaviour = getattr(handler, kinds[bool(handler.response_streaming)])
-        read = _pass_on if handler.request_streaming else self._read_single
+        with_images = method.rpartition("/")[2] in _WITH_IMAGES
+        budget = self._service.messages if with_images else self._service.short_messages
+        read = _pass_on if handler.request_streaming else partial(_read_single, budget)
 
         async def single_answer(requests: AsyncIterator[Any], context: grpc.aio.ServicerContext) -> Any:
             deadline = self._service.settings.deadline
@@ -94,23 +100,6 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
             request_deserializer=handler.request_deserializer,
             response_serializer=handler.response_serializer,
         )
-
-    @asynccontextmanager
-    async def _read_single(self, requests: AsyncIterator[Any]) -> AsyncIterator[Any]:
-        """The call's only request, with memory for it for as long as the block lasts."""
-        budget = self._service.messages
-        async with budget.reserve(min(_COPIES_READ * MESSAGE_LIMIT, budget.limit), _PATIENCE) as held:
-            try:
-                async with asyncio.timeout(_READ_WITHIN):
-                    request = await anext(requests, None)
-            except TimeoutError as error:
-                raise DeadlineExceeded(
-                    f"The request did not arrive within {_READ_WITHIN:g} s.", "Send it without pausing."
-                ) from error
-            if request is None:
-                raise InvalidInput("The call has no request.", "Send one message.")
-            held.shrink(_COPIES_HELD * request.ByteSize())
-            yield request
 
     @asynccontextmanager
     async def _around(
@@ -164,6 +153,23 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
             "The service met a defect of its own.",
             "Report it with the service's log of this moment; the request may be sent again.",
         )
+
+
+@asynccontextmanager
+async def _read_single(budget: MemoryBudget, requests: AsyncIterator[Any]) -> AsyncIterator[Any]:
+    """The call's only request, with memory for it for as long as the block lasts."""
+    async with budget.reserve(min(_COPIES_READ * MESSAGE_LIMIT, budget.limit), _PATIENCE) as held:
+        try:
+            async with asyncio.timeout(_READ_WITHIN):
+                request = await anext(requests, None)
+        except TimeoutError as error:
+            raise DeadlineExceeded(
+                f"The request did not arrive within {_READ_WITHIN:g} s.", "Send it without pausing."
+            ) from error
+        if request is None:
+            raise InvalidInput("The call has no request.", "Send one message.")
+        held.shrink(_COPIES_HELD * request.ByteSize())
+        yield request
 
 
 @asynccontextmanager

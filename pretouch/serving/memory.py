@@ -63,7 +63,7 @@ class MemoryBudget:
                 f"The request needs about {size // 2**20} MiB of memory; this service has {self.limit // 2**20} MiB.",
                 "Crop the image, thin out the scan or simplify the mesh, or give the service more by PRETOUCH_MEMORY.",
             )
-        if not self._waiting and self.used + size <= self.limit:
+        if size == 0 or (not self._waiting and self.used + size <= self.limit):
             self.used += size
             return
         turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()

@@ -11,9 +11,11 @@ import pytest
 from helpers.loop_fakes import MASK, FormulaRegistrar, RandomDetector, answer, asked, misses, opened, samples_of
 from helpers.scenes import KINECT, Box, View, World, looking
 from pretouch_detector.model.encoding import encode
+from pretouch_orchestrator.perception import preparation
+from pretouch_orchestrator.perception.preparation import prepare_scene
 from pretouch_orchestrator.planning.coverage import CoveragePredictor
 from pretouch_orchestrator.sessions import loop as loop_module
-from pretouch_orchestrator.sessions.loop import Loop, prepare_scene
+from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_registrar.engines import camera_model
 from pretouch_registrar.lru_cache import LruCache
 from pretouch_registrar.registration import Registrar, Settings
@@ -101,7 +103,7 @@ def test_a_slow_finger_with_a_fast_sensor_is_predicted_at_the_pace_of_its_path()
 
 def test_a_large_image_is_thinned_out_and_planned_in_the_clients_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     small = opened(Loop(RandomDetector(), FormulaRegistrar()), asked())
-    monkeypatch.setattr(loop_module, "_MAX_PIXELS", MASK.size // 4)
+    monkeypatch.setattr(preparation, "_MAX_PIXELS", MASK.size // 4)
     thinned = opened(Loop(RandomDetector(), FormulaRegistrar()), asked())
     assert (small.step, thinned.step) == (1, 2)
     np.testing.assert_allclose(thinned.scene.centroid, small.scene.centroid, atol=1e-3)
@@ -118,12 +120,14 @@ def test_a_large_image_is_thinned_out_and_planned_in_the_clients_pixels(monkeypa
 
 
 def test_a_large_object_is_thinned_out_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(loop_module, "_MAX_OBJECT_PIXELS", 500)
-    scene, origin = prepare_scene(asked(), *WORLD.depth(View()))
-    assert 100 < scene.mask.sum() <= 600
-    whole, before = prepare_scene(asked(), *WORLD.depth(View()))
+    whole, before, _ = prepare_scene(asked(), *WORLD.depth(View()))
+    monkeypatch.setattr(preparation, "_MAX_OBJECT_PIXELS", 500)
+    scene, origin, _ = prepare_scene(asked(), *WORLD.depth(View()))
+    step = round(whole.camera.fx / scene.camera.fx)
+    assert step > 1
     assert origin == before
-    assert whole.digest == scene.digest
+    assert scene.digest == whole.subsampled(step).digest
+    assert scene.mask.sum() <= 600
 
 
 def test_a_session_takes_no_more_samples_than_a_message_holds(monkeypatch: pytest.MonkeyPatch) -> None:

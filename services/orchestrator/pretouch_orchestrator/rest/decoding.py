@@ -48,21 +48,25 @@ async def hold_creation(request: Request, context: ServiceContext) -> AsyncItera
 
 
 async def read_document(request: Request, context: ServiceContext, decode: Callable[[object], T]) -> T:
-    """What `decode` makes of the request's JSON document."""
+    """What `decode` makes of the request's JSON document; a short one waits for nothing."""
+    if _announce(request) <= _SHORT:
+        return await context.run_briefly(_decode_document, await read_json(request), decode)
     async with _hold_body(request, context, 0):
         body = await read_json(request)
-        if len(body) <= _SHORT:
-            return await context.run_briefly(_decode_document, body, decode)
         return await context.run_in_thread(_decode_document, body, decode, memory=_JSON_FACTOR * len(body))
 
 
 @asynccontextmanager
 async def _hold_body(request: Request, context: ServiceContext, least: int) -> AsyncIterator[Reservation]:
-    length = request.headers.get("content-length", "")
-    announced = min(int(length), MAX_BODY) if length.isascii() and length.isdigit() else MAX_BODY
     budget = context.messages
-    async with budget.reserve(min(max(_COPIES * announced, least), budget.limit), _PATIENCE) as held:
+    async with budget.reserve(min(max(_COPIES * _announce(request), least), budget.limit), _PATIENCE) as held:
         yield held
+
+
+def _announce(request: Request) -> int:
+    """Bytes that the body has, or may have if it does not say."""
+    length = request.headers.get("content-length", "")
+    return min(int(length), MAX_BODY) if length.isascii() and length.isdigit() else MAX_BODY
 
 
 def _decode_document(body: bytes, decode: Callable[[object], T]) -> T:
