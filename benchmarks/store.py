@@ -5,7 +5,7 @@ all that is measured.
 
 - Bytes that the orchestrator reads and writes in each call of a session on a depth image of 4 megapixels, which the
   object and its surroundings fill. With PostgreSQL: the server's log, which holds what is written.
-- Scans of sessions on small images, with few and with KEPT others in the store, in turns: milliseconds; what each takes.
+- Scans of sessions on small images, with few and with KEPT others in the store, in turns: milliseconds; bytes of each.
 """
 
 from __future__ import annotations
