@@ -69,7 +69,8 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
         stack.push_async_callback(sessions.close)
         add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
         hosts = HostCheck(settings.rest_host, settings.allowed_hosts)
-        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams), hosts)
+        context.readiness = _make_readiness_check(store, upstreams)
+        app = create_rest_app(sessions, context, context.readiness, hosts)
         await stack.enter_async_context(serve_rest(app, settings, context))
         for work in (upkeep.run(), _end_streams_when_draining(sessions, context)):
             stack.push_async_callback(_stop, asyncio.create_task(work))
