@@ -30,8 +30,8 @@ class ServiceContext:
     """A service's settings, tokens, log, metrics, threads and memory.
 
     `log` is a structlog logger whose lines carry the session and scan of the call they belong to. `draining` is set
-    once the service was told to stop: a stream without an end should end then. A service may set `readiness`, which raises
-    a `PretouchError` while it cannot serve: the health service then says so under the service's name.
+    once the service was told to stop: a stream without an end should end then. A service may set `readiness`, which
+    raises a `PretouchError` while it cannot serve: the health service then says so under the service's name.
 
     Raises:
         InvalidInput: the file of tokens is wrong.

@@ -78,8 +78,8 @@ class _Registry(grpc.GenericRpcHandler):  # type: ignore[misc]
 async def started(name: str, running: Running, settings: Settings) -> AsyncIterator[Started]:
     """Serves `running` for as long as the block lasts, then drains: running calls get `settings.grace` to finish.
 
-    The health service says SERVING between warm-up and drain, for the server ("") and each service by name; by name only
-    while the service is ready, if it says whether it is. So a server that waits for another is not restarted.
+    The health service says SERVING between warm-up and drain, for the server ("") and each service by name; by name
+    only while the service is ready, if it says whether it is. So a server that waits for another is not restarted.
 
     Raises:
         InvalidInput: TLS material that cannot be used.
