@@ -131,6 +131,12 @@ def _serve(
     watched: Annotated[
         bool, typer.Option("--watched", help="Serve in a child process that is restarted when it hangs or ends.")
     ] = False,
+    alive_file: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="PRETOUCH_ALIVE_FILE", help="With --watched: a file that is touched while the service serves."
+        ),
+    ] = None,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
     health_socket: Annotated[Path | None, typer.Option(hidden=True)] = None,
 ) -> None:
@@ -159,7 +165,7 @@ def _serve(
     if watched:
         from pretouch.serving.watched import serve_watched
 
-        asyncio.run(serve_watched(name, settings, os.environ | _as_environment(context)))
+        asyncio.run(serve_watched(name, settings, os.environ | _as_environment(context), alive_file))
         return
     (service,) = entry_points(group="pretouch.services", name=name)
     try:

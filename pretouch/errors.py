@@ -6,6 +6,7 @@
     │   ├── UnsupportedMedia    415  the body is of another type than asked for
     │   └── TooLarge            413  beyond a stated limit
     ├── Unauthenticated         401  no token, or a wrong one
+    │   └── TooManyTries        429  many wrong tokens came from this address
     ├── Forbidden               403  the token, or where the request comes from, does not allow this
     ├── NotFound                404  no such session, scan, device or page
     │   └── UnknownScene        404  the registrar keeps no scene of this content hash: send the scene
@@ -16,8 +17,8 @@
     ├── Unavailable             503  a service, device or proposer cannot be reached or is not ready
     └── DeadlineExceeded        504  an answer did not come in time
 
-Each error says in `detail` what was wrong and in `remedy` what to do about it; `Overloaded` and `Unavailable` say in
-`retry_after` when to try again.
+Each error says in `detail` what was wrong and in `remedy` what to do about it; `Overloaded`, `Unavailable` and
+`TooManyTries` say in `retry_after` when to try again.
 """
 
 from __future__ import annotations
@@ -74,6 +75,12 @@ class RefusedForSize(TooLarge):
 
 class Unauthenticated(PretouchError):
     """The call carries no token, or a wrong one."""
+
+
+class TooManyTries(Unauthenticated):
+    """Many wrong tokens came from this address; a right one is still accepted."""
+
+    RETRY_AFTER = 3.0
 
 
 class Forbidden(PretouchError):
@@ -133,6 +140,7 @@ WIRE: dict[type[PretouchError], Wire] = {
     TooLarge: Wire("too-large", "The request is too large", 413, _C.RESOURCE_EXHAUSTED),
     InvalidInput: Wire("invalid-input", "The request is not valid", 422, _C.INVALID_ARGUMENT),
     Unauthenticated: Wire("unauthenticated", "The call is not authenticated", 401, _C.UNAUTHENTICATED),
+    TooManyTries: Wire("too-many-tries", "Too many wrong tokens", 429, _C.RESOURCE_EXHAUSTED),
     Forbidden: Wire("forbidden", "The call is not allowed", 403, _C.PERMISSION_DENIED),
     NotFound: Wire("not-found", "Not found", 404, _C.NOT_FOUND),
     UnknownScene: Wire("unknown-scene", "The scene is not known", 404, _C.NOT_FOUND),

@@ -15,7 +15,7 @@ from pretouch_simulation.scanning import cut_pieces, scan_along
 from benchmarks.chaos.ledger import Entry, Ledger
 from pretouch.client import GrpcClient, RestClient, SyncClient
 from pretouch.errors import DeadlineExceeded, Overloaded, PretouchError, Unavailable
-from pretouch.session import SampleChunk, ScanPlan, Session
+from pretouch.session import SampleChunk, ScanPlan
 from pretouch.tof import RangeSamples
 
 T = TypeVar("T")
@@ -58,29 +58,28 @@ class Robot(threading.Thread):
 
     def _run_session(self, entry: Entry, case: Case) -> None:
         request = request_for(case, _FINGER.sensor)
-        entry.last = session = self._insist(
-            lambda: self._client.create_session(request, case.depth.metres, case.mask, entry.key)
-        )
+        session = self._insist(lambda: self._client.create_session(request, case.depth.metres, case.mask, entry.key))
+        entry.last, id = session, session.id
         while session.next_scan is not None:
             plan = session.next_scan
             samples = scan_along(case.world, plan.path, _FINGER.sensor, _FINGER, self._rng)
-            session = self._tell(entry, session, plan, samples) if self._number % 3 == 0 else session
+            if self._number % 3 == 0:
+                self._tell(entry, id, plan, samples)
             rest = _NOTHING if plan.scan_id in entry.told else samples
             if rest is samples:
                 time.sleep(plan.path.duration)  # the robot moves
-            session = self._insist(lambda: self._client.submit(entry.last.id, plan.scan_id, rest))  # noqa: B023
+            session = self._insist(lambda: self._client.submit(id, plan.scan_id, rest))  # noqa: B023
             entry.scans.append(session.scans[-1])
             entry.last = session
 
-    def _tell(self, entry: Entry, session: Session, plan: ScanPlan, samples: RangeSamples) -> Session:
+    def _tell(self, entry: Entry, session_id: str, plan: ScanPlan, samples: RangeSamples) -> None:
         start = 0
         for piece in cut_pieces(samples):
             time.sleep(piece.t[-1] - piece.t[0])
             chunk = SampleChunk(start, piece)
-            progress = self._insist(lambda: self._client.tell(session.id, plan.scan_id, chunk))  # noqa: B023
+            progress = self._insist(lambda: self._client.tell(session_id, plan.scan_id, chunk))  # noqa: B023
             entry.told[plan.scan_id] = progress.told
             start = progress.told
-        return session
 
     def _insist(self, call: Callable[[], T]) -> T:
         """The call's answer, however often it takes."""

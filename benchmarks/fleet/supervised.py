@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from signal import Signals
 
 import psutil
 
@@ -34,13 +34,13 @@ class Supervised:
         self._keeper = threading.Thread(target=self._keep, daemon=True)
         self._keeper.start()
 
-    def signal(self, number: signal.Signals) -> None:
+    def send(self, number: Signals) -> None:
         """Sends the signal to the supervisor and to what it runs."""
         for process in (self._process.pid, *self._services()):
             with suppress(ProcessLookupError):
                 os.kill(process, number)
 
-    def signal_service(self, number: signal.Signals) -> None:
+    def send_to_service(self, number: Signals) -> None:
         """Sends the signal to the service alone."""
         for process in self._services():
             with suppress(ProcessLookupError):
@@ -60,7 +60,7 @@ class Supervised:
 
     def close(self) -> None:
         self._closing.set()
-        self.signal(signal.SIGCONT)
+        self.send(Signals.SIGCONT)
         self._process.terminate()
         self._keeper.join()
 

@@ -12,10 +12,12 @@ import sys
 import tempfile
 import threading
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import psutil
+from hypothesis.errors import HypothesisDeprecationWarning
 from pretouch_simulation.finger_link import FingerProcess
 from pretouch_simulation.services import Services
 
@@ -37,6 +39,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=600.0, help="how long to fuzz")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
+    warnings.filterwarnings("ignore", category=HypothesisDeprecationWarning)  # other threads draw random numbers too
     counts = Counts()
     with tempfile.TemporaryDirectory(prefix="pretouch-") as folder:
         world = Path(folder) / "world.npz"

@@ -61,7 +61,7 @@ def _is_repeated(field: FieldDescriptor) -> bool:
 
 
 def _change(message: Message, chance: random.Random) -> None:
-    fields = message.DESCRIPTOR.fields
+    fields: list[Any] = list(message.DESCRIPTOR.fields)
     if not fields:
         return
     field = chance.choice(fields)

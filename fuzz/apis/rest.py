@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import httpx
@@ -14,7 +15,7 @@ from schemathesis.checks import CHECKS, load_all_checks, response_schema_conform
 from schemathesis.transport.serialization import Binary
 
 from fuzz.apis.counts import Counts
-from fuzz.apis.seeds import OpenSession, small_request
+from fuzz.apis.seeds import OpenSession, find, small_request
 from pretouch.client import RestClient
 from pretouch.client.images import encode_depth, encode_mask
 from pretouch.errors import PretouchError
@@ -22,36 +23,37 @@ from pretouch.wire.json import request_to_json
 
 _TIMEOUT = 60.0
 _EXAMPLES = 15
+Case = schemathesis.Case[Any]
 load_all_checks()
 _LEFT_OUT = {"ignored_auth", "positive_data_acceptance", "negative_data_rejection", "missing_required_header"}
-_CHECKS = [
+_CHECKS: list[Any] = [
     check for check in (CHECKS.get_one(name) for name in CHECKS.get_all_names()) if check.__name__ not in _LEFT_OUT
 ]
 
 
-def fuzz_rest(url: str, counts: Counts, seed: int, over: Any) -> None:
+def fuzz_rest(url: str, counts: Counts, seed: int, over: Callable[[], bool]) -> None:
     """Sends requests until `over()`."""
     document = httpx.get(f"{url}/openapi.json", timeout=_TIMEOUT, trust_env=False).json()
-    operations = [found.ok() for found in schemathesis.openapi.from_dict(document).get_all_operations()]
+    found: list[Any] = list(schemathesis.openapi.from_dict(document).get_all_operations())
     with RestClient(url, timeout=120.0) as client:
-        sessions = OpenSession(client)
-        ended = client.create_session(*small_request()).id
-        client.cancel(ended)
+        send = _Sender(url, counts, client, over)
         turn = seed * 100_000
         while not over():
-            for operation in operations:
+            for operation in found:
                 for mode in GenerationMode:
                     turn += 1
-                    _explore(operation, mode, turn, _Sender(url, counts, sessions, ended, over))
+                    _explore(operation.ok(), mode, turn, send)
 
 
 class _Sender:
     """Sends a case as it is, then with a session and images that exist, so that it gets further."""
 
-    def __init__(self, url: str, counts: Counts, sessions: OpenSession, ended: str, over: Any) -> None:
-        self._url, self._counts, self._sessions, self._ended, self._over = url, counts, sessions, ended, over
+    def __init__(self, url: str, counts: Counts, client: RestClient, over: Callable[[], bool]) -> None:
+        self._url, self._counts, self._client, self._over = url, counts, client, over
+        self._sessions = OpenSession(client)
+        self._ended = ""
 
-    def __call__(self, case: schemathesis.Case) -> None:
+    def __call__(self, case: Case) -> None:
         if self._over():
             return
         self._send(case)
@@ -63,12 +65,12 @@ class _Sender:
         if fits:
             self._send(case)
 
-    def _make_fit(self, case: schemathesis.Case) -> bool:
+    def _make_fit(self, case: Case) -> bool:
         if "scan_id" in case.path_parameters:
             session, plan = self._sessions.get()
             case.path_parameters |= {"session_id": session.id, "scan_id": plan.scan_id}
         elif "session_id" in case.path_parameters:
-            case.path_parameters["session_id"] = self._ended
+            case.path_parameters["session_id"] = self._find_ended()
         elif isinstance(case.body, dict) and "depth" in case.body:
             asked, depth, mask = small_request()
             case.body["depth"], case.body["mask"] = Binary(encode_depth(depth)[0]), Binary(encode_mask(mask)[0])
@@ -77,7 +79,14 @@ class _Sender:
             return False
         return True
 
-    def _send(self, case: schemathesis.Case) -> None:
+    def _find_ended(self) -> str:
+        """A session whose events come to an end."""
+        if find(self._client, self._ended) is None:
+            self._ended = self._client.create_session(*small_request()).id
+            self._client.cancel(self._ended)
+        return self._ended
+
+    def _send(self, case: Case) -> None:
         name = f"REST {case.method} {case.path}"
         self._counts.send(name)
         try:
@@ -122,7 +131,7 @@ def _explore(operation: Any, mode: GenerationMode, turn: int, send: _Sender) -> 
         suppress_health_check=list(HealthCheck),
     )
     @given(case=operation.as_strategy(generation_mode=mode))
-    def explore(case: schemathesis.Case) -> None:
+    def explore(case: Case) -> None:
         send(case)
 
     try:

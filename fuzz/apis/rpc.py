@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import islice
 from typing import Any
@@ -26,7 +26,7 @@ _MOST_ANSWERS = 20
 _OWN = (grpc.StatusCode.DEADLINE_EXCEEDED, grpc.StatusCode.CANCELLED, grpc.StatusCode.RESOURCE_EXHAUSTED)
 """Statuses that gRPC itself gives, without a problem document."""
 _FILES = (orchestrator_pb2, detector_pb2, registrar_pb2, sensor_gateway_pb2)
-_METHODS = {
+METHODS = {
     f"/{service.full_name}/{method.name}": method
     for file in _FILES
     for service in file.DESCRIPTOR.services_by_name.values()
@@ -34,7 +34,7 @@ _METHODS = {
 }
 
 
-def fuzz_rpc(addresses: Mapping[str, str], counts: Counts, seed: int, over: Any) -> None:
+def fuzz_rpc(addresses: Mapping[str, str], counts: Counts, seed: int, over: Callable[[], bool]) -> None:
     """Calls until `over()`.
 
     Args:
@@ -45,7 +45,7 @@ def fuzz_rpc(addresses: Mapping[str, str], counts: Counts, seed: int, over: Any)
         channels = {word: stack.enter_context(open_sync_channel(address)) for word, address in addresses.items()}
         client = stack.enter_context(GrpcClient(addresses["Orchestrator"], timeout=120.0))
         requests = good_requests(OpenSession(client))
-        unknown = sorted(set(_METHODS) - set(requests))
+        unknown = sorted(set(METHODS) - set(requests))
         assert not unknown, f"There is no good request for {unknown}."
         while not over():
             path = chance.choice(sorted(requests))
@@ -70,7 +70,7 @@ def _serialise(message: Any, chance: random.Random) -> bytes:
 
 
 def _call(channel: grpc.Channel, path: str, requests: list[bytes], counts: Counts) -> None:
-    method = _METHODS[path]
+    method = METHODS[path]
     asked, answered = ("stream" if streams else "unary" for streams in _streams(method))
     call = getattr(channel, f"{asked}_{answered}")(path)
     timeout = _LISTEN if method.name in _ENDLESS else _DEADLINE

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -18,6 +17,7 @@ from pretouch_simulation.scanning import scan_along
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.client import SyncClient
+from pretouch.errors import NotFound
 from pretouch.geometry import Pose
 from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
@@ -63,22 +63,29 @@ def measured(plan: ScanPlan) -> RangeSamples:
 
 
 class OpenSession:
-    """A session that awaits a scan: another one once it has ended or was used for a while."""
+    """A session that awaits a scan: another one once it has ended, is gone or was used for a while."""
 
     def __init__(self, client: SyncClient[Any, Any]) -> None:
         self._client = client
-        self._uses = itertools.count()
-        self._session: Session | None = None
+        self._uses = 0
+        self._id = ""
 
     def get(self) -> tuple[Session, ScanPlan]:
-        session = self._session
-        if session is not None and next(self._uses) % _USES:
-            session = self._client.session(session.id)
-        if session is None or session.next_scan is None or next(self._uses) % _USES == 0:
+        self._uses += 1
+        session = find(self._client, self._id) if self._uses % _USES else None
+        if session is None or session.next_scan is None:
             session = self._client.create_session(*small_request())
-        self._session = session
+        self._id = session.id
         assert session.next_scan is not None
         return session, session.next_scan
+
+
+def find(client: SyncClient[Any, Any], session_id: str) -> Session | None:
+    """The session, unless another request has purged it."""
+    try:
+        return client.session(session_id)
+    except NotFound:
+        return None
 
 
 @cache

@@ -5,9 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
 
 from pretouch.errors import InvalidInput, NotFound, PretouchError
 
+FilePath = str | PathLike[str]
 MAX_TIMEOUT = 86_400.0
 """s: a day."""
 _ID = re.compile(r"[A-Za-z0-9_~.-]{1,128}")
@@ -43,6 +46,11 @@ def check_event_id(after: int) -> int:
     if not isinstance(after, int) or not 0 <= after < _MAX_EVENT_ID:
         raise InvalidInput(f"The id of the last event is {after!r:.40}.", "Give an event's id, or 0 for the start.")
     return after
+
+
+def as_path(path: FilePath | None) -> Path | None:
+    """A path that a program may leave out."""
+    return None if path is None else Path(path)
 
 
 @contextmanager

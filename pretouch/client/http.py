@@ -9,20 +9,18 @@ import re
 import ssl
 from collections.abc import Iterator
 from contextlib import contextmanager
-from os import PathLike
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import httpcore
 import httpx
 
 from pretouch.channel import check_token
+from pretouch.client.arguments import FilePath, as_path
 from pretouch.client.bounded_transport import BoundedTransport
 from pretouch.errors import DeadlineExceeded, Internal, InvalidInput, unreachable
 from pretouch.tls import client_context
 
 REST_ADDRESS = "http://127.0.0.1:8080"
-FilePath = str | PathLike[str]
 _UNLIMITED = httpx.Limits(max_connections=None, max_keepalive_connections=None)
 """An event stream holds its connection, and must not keep a call waiting for another one."""
 
@@ -82,13 +80,9 @@ def _check(
         ) from error
     headers = {"Authorization": f"Bearer {check_token(token)}"} if token else {}
     if parts.scheme == "https":
-        return headers, client_context(_as_path(ca), _as_path(cert), _as_path(key))
+        return headers, client_context(as_path(ca), as_path(cert), as_path(key))
     if ca is not None or cert is not None or key is not None:
         raise InvalidInput(
             f"There are TLS files, but {base_url} is not encrypted.", "Give an https:// address, or no TLS files."
         )
     return headers, ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-
-
-def _as_path(path: FilePath | None) -> Path | None:
-    return None if path is None else Path(path)

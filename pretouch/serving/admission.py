@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import Any
 
-from pretouch.errors import DeadlineExceeded, Overloaded, Unauthenticated, Unavailable
+from pretouch.errors import DeadlineExceeded, Overloaded, TooManyTries, Unauthenticated, Unavailable
 from pretouch.serving.caller import Caller
 from pretouch.serving.tokens import Tokens
 from pretouch.serving.tries import WrongTries
@@ -32,10 +32,10 @@ class TokenCheck:
         """Who calls with this authorization, b"" for none; None if it is not accepted."""
         return self._tokens.identify(authorization)
 
-    def refuse(self, authorization: bytes, address: str) -> Unauthenticated | Overloaded:
+    def refuse(self, authorization: bytes, address: str) -> Unauthenticated:
         """The error for a call from `address` that `identify` did not accept."""
         if authorization and (wait := self._wrong_tries.spend(address)) > 0:
-            return Overloaded(
+            return TooManyTries(
                 "Too many wrong tokens came from this address.", "Send the right one, which is always taken.", wait
             )
         return Unauthenticated(

@@ -49,6 +49,7 @@ class Child:
         port: gRPC port; 0 lets the child choose at its first start.
         environment: all of the child's environment.
         on_line: given each line of the child's log, and its fields if it is a JSON object.
+        on_serving: called whenever the child answered a health check and serves.
         grace: s that the child gives running calls when it is told to stop.
     """
 
@@ -60,6 +61,7 @@ class Child:
         environment: Mapping[str, str],
         on_line: Callable[[bytes, dict[str, Any]], None],
         *,
+        on_serving: Callable[[], None] = lambda: None,
         grace: float = 5.0,
         probing: Probing = PATIENT,
     ) -> None:
@@ -68,6 +70,7 @@ class Child:
         self._port = port
         self._environment = environment
         self._on_line = on_line
+        self._on_serving = on_serving
         self._kill_after = grace + _KILL_AFTER
         self._probing = probing
         self._served = asyncio.Event()
@@ -140,7 +143,7 @@ class Child:
         try:
             async with asyncio.timeout(READY_WITHIN):
                 await self._ready.wait()
-            how = await wait_until_hung(socket, self._probing)
+            how = await wait_until_hung(socket, self._probing, self._on_serving)
         except TimeoutError:
             how = f"did not get ready within {READY_WITHIN:g} s"
         with suppress(ProcessLookupError):

@@ -100,7 +100,7 @@ class _Server(ThreadingMixIn, WSGIServer):
             return
         request.settimeout(_PATIENCE)
         with self._context.wrap_socket(request.dup(), server_side=True) as secure:
-            super().finish_request(secure, client_address)  # type: ignore[arg-type]
+            super().finish_request(secure, client_address)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Nothing: the client has gone, was too slow, or speaks no TLS."""

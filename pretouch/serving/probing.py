@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,10 +33,13 @@ class Probing:
 PATIENT = Probing()
 
 
-async def wait_until_hung(socket: Path, probing: Probing) -> str:
+async def wait_until_hung(socket: Path, probing: Probing, on_serving: Callable[[], None]) -> str:
     """Returns once the service that answers health checks at this Unix socket hangs; what was seen.
 
     An answer is an answer, whatever it says: a service that drains says that it does not serve.
+
+    Args:
+        on_serving: called whenever the service says that it serves.
     """
     misses = 0
     async with grpc.aio.insecure_channel(f"unix:{socket}") as channel:
@@ -43,8 +47,10 @@ async def wait_until_hung(socket: Path, probing: Probing) -> str:
         while misses < probing.misses:
             await asyncio.sleep(probing.every)
             try:
-                await health.Check(health_pb2.HealthCheckRequest(), timeout=probing.timeout)
+                answer = await health.Check(health_pb2.HealthCheckRequest(), timeout=probing.timeout)
                 misses = 0
+                if answer.status == health_pb2.HealthCheckResponse.SERVING:
+                    on_serving()
             except grpc.aio.AioRpcError:
                 misses += 1
     return f"left {misses} health checks in a row unanswered"

@@ -119,7 +119,7 @@ def test_wrong_tokens_are_slowed_down_and_the_right_one_is_taken(shop: Shop) -> 
         assert statuses.index(429) <= 20
         late = answers[statuses.index(429)]
         assert int(late.headers["retry-after"]) >= 1
-        assert late.json()["type"].endswith("overloaded")
+        assert late.json()["type"].endswith("too-many-tries")
         assert client.get(url, headers={"Authorization": f"bEaReR {shop.full}"}).status_code == 200
     with RestClient(shop.orchestrator.rest_url, token=shop.full) as friend:
         friend.sessions()

@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -21,14 +21,16 @@ TOKEN = "a token for this test"
 SECONDS = 60
 
 
-def run(*command: str | Path, seconds: float = SECONDS, check: bool = True, **environment: str) -> str:
+def run(
+    *command: str | Path, seconds: float = SECONDS, check: bool = True, variables: Mapping[str, str] | None = None
+) -> str:
     """Standard output of a command; its standard error goes into the failure."""
     result = subprocess.run(
         [str(word) for word in command],
         capture_output=True,
         text=True,
         timeout=seconds,
-        env=os.environ | environment,
+        env={**os.environ, **(variables or {})},
         cwd=REPOSITORY,
         check=False,
     )
@@ -68,7 +70,7 @@ class Deployment:
         }
 
     def do(self, *arguments: str, seconds: float = SECONDS) -> str:
-        return run(*self._compose, *arguments, seconds=seconds, **self._variables)
+        return run(*self._compose, *arguments, seconds=seconds, variables=self._variables)
 
     def container(self, service: str) -> str:
         return self.do("ps", "-q", service).strip()

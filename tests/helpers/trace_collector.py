@@ -28,7 +28,7 @@ class TraceCollector(pb_grpc.TraceServiceServicer):
     def __init__(self) -> None:
         self.spans: list[Span] = []
         self._server = grpc.server(ThreadPoolExecutor(4))
-        pb_grpc.add_TraceServiceServicer_to_server(self, self._server)
+        pb_grpc.add_TraceServiceServicer_to_server(self, self._server)  # type: ignore[no-untyped-call]
         self.endpoint = f"http://127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
 
     def __enter__(self) -> Self:

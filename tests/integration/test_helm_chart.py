@@ -108,6 +108,13 @@ def test_autoscaling_follows_a_metric_that_the_service_exports(documents: list[d
             assert metric["pods"]["metric"]["name"] in exported(ServiceContext(component, Settings()).metrics.registry)
 
 
+def test_rest_is_called_by_the_names_of_its_service(documents: list[dict[str, Any]]) -> None:
+    (container,) = pods(documents)["orchestrator"]["spec"]["containers"]
+    variables = {variable["name"]: variable.get("value") for variable in container["env"]}
+    names = variables["PRETOUCH_ORCHESTRATOR_ALLOWED_HOSTS"].split(",")
+    assert names[:2] == ["cell-orchestrator.default", "cell-orchestrator.default.svc"]
+
+
 def exported(registry: CollectorRegistry) -> set[str]:
     return {metric.name for metric in registry.collect()}
 

@@ -81,9 +81,10 @@ async def test_a_blocked_event_loop_is_restarted_and_a_busy_one_is_not() -> None
 def test_a_watched_service_comes_back_on_its_port_and_ends_with_its_watcher(tmp_path: Path) -> None:
     log = tmp_path / "log"
     environment = {key: value for key, value in os.environ.items() if not key.startswith("PRETOUCH_")}
+    options = ("--watched", "--port", "0", "--token", "s3cret", "--alive-file", str(tmp_path / "alive"))
     with log.open("w") as written:
         watcher = subprocess.Popen(
-            [sys.executable, "-m", "pretouch", "serve", "gateway", "--watched", "--port", "0", "--token", "s3cret"],
+            [sys.executable, "-m", "pretouch", "serve", "gateway", *options],
             stderr=written,
             stdin=subprocess.DEVNULL,
             env=environment,
@@ -96,6 +97,7 @@ def test_a_watched_service_comes_back_on_its_port_and_ends_with_its_watcher(tmp_
     with watcher:
         try:
             eventually(lambda: len(ports()) == 1)
+            eventually((tmp_path / "alive").exists)
             first = children_of(watcher.pid)["gateway"]
             assert "s3cret" not in Path(f"/proc/{first}/cmdline").read_text()
             os.kill(first, signal.SIGKILL)

@@ -29,7 +29,7 @@ async def test_a_session_on_narf_plans_a_scan_on_each_regions_terms() -> None:
 
 
 async def test_a_flat_card_has_no_keypoint_and_is_scanned_straight_across() -> None:
-    case = make_case("card", box(0.085, 0.054, 0.001), 0)
+    case = make_case("card", box(0.085, 0.054, 0.005), 0)
     record = await loop_of(PROTOCOL, Registrar()).open("card", 0.0, request_of(case, PROTOCOL), case.depth, case.mask)
     assert record.regions == ()
     assert record.next_scan is not None

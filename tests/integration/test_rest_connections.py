@@ -6,7 +6,7 @@ import asyncio
 import json
 import socket
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
 import httpx
@@ -179,18 +179,22 @@ async def test_what_is_no_http_is_answered_as_a_problem(request_bytes: bytes, st
     assert problem["remedy"]
 
 
-async def test_the_newest_client_is_served_while_others_hold_every_connection() -> None:
+async def test_the_newest_client_is_served_while_others_hold_every_connection(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connection, "PATIENCE", TIMEOUT)
     limit = 10
-    async with served(limit) as port:
+    async with AsyncExitStack() as stack:
+        port = await stack.enter_async_context(served(limit))
         held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(limit)]
         for _, writer in held:
+            stack.callback(writer.close)
             writer.write(b"GET /la")
-        async with httpx.AsyncClient(trust_env=False, timeout=TIMEOUT) as client:
-            assert (await client.post(f"http://127.0.0.1:{port}/body", content=b"abc")).text == "3"
+        client = await stack.enter_async_context(httpx.AsyncClient(trust_env=False, timeout=TIMEOUT))
+        assert (await client.post(f"http://127.0.0.1:{port}/body", content=b"abc")).text == "3"
+        async with asyncio.timeout(TIMEOUT):
             with pytest.raises(ConnectionError):  # the oldest made room
                 assert await held[0][0].read() == b"nothing"
-        for _, writer in held:
-            writer.close()
 
 
 async def test_connections_that_are_all_busy_are_not_closed_for_another() -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 from dataclasses import replace
 
+import pytest
 import structlog
 from helpers.records import a_record, after_telling
+from pretouch_orchestrator.sessions import progress
 from pretouch_orchestrator.sessions.progress import Assessment, ScanAssessments
 from pretouch_orchestrator.sessions.record import Record
 
@@ -56,15 +58,15 @@ async def test_only_the_newest_samples_are_assessed_after_those_under_way() -> N
     for count in (30, 40, 50, 60):
         assessments.start(told(count))
         await asyncio.sleep(0)
-    progress = await assessments.get_progress(told(60))
-    assert (progress.told, progress.enough, progress.expected_error) == (
+    after = await assessments.get_progress(told(60))
+    assert (after.told, after.enough, after.expected_error) == (
         60,
         False,
         a_record().estimate.expected_error,
     )
     assessor.go.set()
-    progress = await assessments.get_progress(told(60))
-    assert (progress.enough, progress.expected_error, progress.error_quantile) == ENOUGH
+    after = await assessments.get_progress(told(60))
+    assert (after.enough, after.expected_error, after.error_quantile) == ENOUGH
     assert (assessor.seen, assessor.most) == ([30, 60], 1)
 
 
@@ -98,8 +100,8 @@ async def test_a_failed_assessment_keeps_the_last_one_and_is_made_again_with_the
     for error in (Unavailable("gone", "wait"), ValueError("a defect")):
         assessor.error = error
         assessments.start(told(40))
-        progress = await assessments.get_progress(told(40))
-        assert (progress.told, progress.enough) == (40, True)
+        after = await assessments.get_progress(told(40))
+        assert (after.told, after.enough) == (40, True)
     assessor.error = None
     assessments.start(told(40))
     await assessments.get_progress(told(40))
@@ -113,3 +115,29 @@ async def test_samples_that_were_assessed_are_not_assessed_again() -> None:
         assessments.start(told(30))
         await assessments.get_progress(told(30))
     assert assessor.seen == [30]
+
+
+async def test_a_scan_is_not_judged_by_the_samples_of_one_before_it_that_was_closed_elsewhere() -> None:
+    assessor, assessments = made()
+    assessor.go.set()
+    assessments.start(told(60))
+    assert (await assessments.get_progress(told(60))).enough
+    record = told(30)
+    assert record.next_scan is not None
+    following = replace(record, next_scan=replace(record.next_scan, scan_id="the next one"))
+    assert not (await assessments.get_progress(following)).enough
+    assessor.error = Unavailable("gone", "wait")
+    assessments.start(following)
+    assert not (await assessments.get_progress(following)).enough
+    assert assessor.seen == [60, 30]
+
+
+async def test_scans_that_went_on_elsewhere_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "_MAX_SCANS", 3)
+    assessor, assessments = made()
+    for count in range(10):
+        assessments.start(told(30, f"session {count}"))
+        await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert (assessor.running, assessor.cancelled) == (3, 7)
+    await assessments.close()

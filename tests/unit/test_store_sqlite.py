@@ -88,6 +88,19 @@ async def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
             pass
 
 
+async def test_a_disk_that_becomes_read_only_is_unavailable_and_can_be_read(tmp_path: Path) -> None:
+    async with open_store(tmp_path) as store:
+        record = await store.create("", a_record(), [], None)
+        store._database._writer.execute("PRAGMA query_only = ON")  # its error is that of such a disk
+        with pytest.raises(Unavailable, match="readonly"):
+            await store.check()
+        with pytest.raises(Unavailable, match="readonly"):
+            await store.acquire_lease("one", "me", 1)
+        assert same(await store.load_record("", "one", None), record)
+        store._database._writer.execute("PRAGMA query_only = OFF")
+        await store.check()
+
+
 async def test_a_full_disk_is_unavailable_and_passes(tmp_path: Path) -> None:
     async with open_store(tmp_path) as store:
         record = await store.create("", a_record(), [], None)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from pretouch.channel import open_channel
-from pretouch.client.arguments import check_id
+from pretouch.client.arguments import FilePath, as_path, check_id
 from pretouch.client.asynchronous.client import AsyncClient
 from pretouch.client.events import QUIET, Event
 from pretouch.client.grpc_api import GRPC_ADDRESS, GrpcSessionApi, RpcMessage
@@ -35,14 +33,13 @@ class AsyncGrpcClient(AsyncClient[RpcMessage, Any]):
         address: str = GRPC_ADDRESS,
         *,
         token: str | None = None,
-        tls_ca: str | PathLike[str] | None = None,
-        tls_cert: str | PathLike[str] | None = None,
-        tls_key: str | PathLike[str] | None = None,
+        tls_ca: FilePath | None = None,
+        tls_cert: FilePath | None = None,
+        tls_key: FilePath | None = None,
         timeout: float = TIMEOUT,
     ) -> None:
         super().__init__(GrpcSessionApi(), timeout)
-        files = (None if path is None else Path(path) for path in (tls_ca, tls_cert, tls_key))
-        self._channel = open_channel(address, token, *files)
+        self._channel = open_channel(address, token, as_path(tls_ca), as_path(tls_cert), as_path(tls_key))
         self._stub = OrchestratorServiceStub(self._channel)
 
     async def close(self) -> None:

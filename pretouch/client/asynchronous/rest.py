@@ -7,9 +7,10 @@ from collections.abc import AsyncGenerator
 import httpx
 
 from pretouch.channel import MESSAGE_LIMIT
+from pretouch.client.arguments import FilePath
 from pretouch.client.asynchronous.client import AsyncClient
 from pretouch.client.events import QUIET, Event, ServerSentEvents
-from pretouch.client.http import REST_ADDRESS, FilePath, open_async_http, raising_transport_errors
+from pretouch.client.http import REST_ADDRESS, open_async_http, raising_transport_errors
 from pretouch.client.rest_api import (
     HttpAnswer,
     HttpMessage,

@@ -8,8 +8,9 @@ from collections.abc import Generator
 import httpx
 
 from pretouch.channel import MESSAGE_LIMIT
+from pretouch.client.arguments import FilePath
 from pretouch.client.events import QUIET, Event, ServerSentEvents
-from pretouch.client.http import REST_ADDRESS, FilePath, open_http, raising_transport_errors
+from pretouch.client.http import REST_ADDRESS, open_http, raising_transport_errors
 from pretouch.client.rest_api import (
     HttpAnswer,
     HttpMessage,

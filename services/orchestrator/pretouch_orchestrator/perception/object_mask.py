@@ -94,6 +94,8 @@ def clean_mask(view: TableView, mask: Pixels) -> CleanMask:
     """
     low = (view.depth > 0) & (view.heights < -3 * view.std - _BELOW_TABLE)
     labels = view.label(mask & ~low)
+    if not labels.any():
+        _refuse_level(view, mask, labels > 0)
     sizes = np.bincount(labels.ravel())
     large = [k for k in range(1, min(len(sizes), _MAX_CLUSTERS + 1)) if sizes[k] >= MIN_OBJECT_PIXELS] or [1]
     over = [k for k in large if view.is_over_table(labels == k)]
@@ -123,7 +125,7 @@ def _refuse_level(view: TableView, mask: Pixels, pixels: Pixels) -> None:
     height = float(np.median(view.heights[marked]))
     raise InvalidInput(
         f"Nothing in the mask rises above the table: in the median its {int(marked.sum())} pixels with depth are "
-        f"{1000 * height:.0f} mm above it.",
+        f"{1000 * abs(height):.0f} mm {'below' if height < 0 else 'above'} it.",
         "Check that the mask belongs to the depth image, and the table if one was sent. If the object is transparent, "
         "black or thinner than 5 mm, the camera does not see it: the finger could run into it.",
     )

@@ -121,7 +121,7 @@ class BoundedConnection(H11Protocol):
                         headers=[*response.raw_headers, (b"connection", b"close")],
                     )
                 )
-                + self.conn.send(h11.Data(data=response.body))
+                + self.conn.send(h11.Data(data=bytes(response.body)))
                 + self.conn.send(h11.EndOfMessage())
             )
         if self.cycle is not None and not self.cycle.response_complete:  # the application must not answer it as well

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -80,6 +80,20 @@ class Record:
     def told_samples(self) -> RangeSamples:
         """All samples that were told of `next_scan`, in the order of time."""
         return RangeSamples.merge(self.told)
+
+    def with_told(self, samples: RangeSamples) -> Record:
+        """The record after these samples of `next_scan` were told too; raises `TooLarge`."""
+        return self._derived(RangeSamples.merge([self.told_samples, samples]), told=(*self.told, samples))
+
+    def with_version(self, version: int) -> Record:
+        """The same state as it is stored."""
+        return self._derived(self.told_samples, version=version)
+
+    def _derived(self, told_samples: RangeSamples, **changes: Any) -> Record:
+        """A changed copy that need not merge anew, chunk by chunk, what is merged already."""
+        record = replace(self, **changes)
+        record.__dict__["told_samples"] = told_samples
+        return record
 
     def corrected_cloud(self) -> Array:
         """(n, 3), m, in base: the object's points, corrected by the present estimate."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -59,9 +58,7 @@ def add_told(record: Record, told: SampleChunk | RangeSamples) -> Record:
     new.beams(record.request.sensor)
     if record.next_scan is not None:
         check_samples(new, record.next_scan, record.scene, record.request.sensor)
-    after = replace(record, told=(*record.told, new))
-    RangeSamples.merge(after.told)
-    return after
+    return record.with_told(new)
 
 
 def complete_with_rest(record: Record, rest: RangeSamples | Points) -> RangeSamples | Points:

@@ -101,9 +101,9 @@ class PostgresqlDatabase:
         return result
 
     async def write(self, work: Callable[[Transaction], T], *, patient: bool = True) -> T:
-        begin = "BEGIN ISOLATION LEVEL READ COMMITTED READ WRITE"
+        patience = _PATIENCE if patient else _PAUSE
         with span("store write", _SYSTEM):
-            result, topics = await self._retry("written", work, begin, _PATIENCE if patient else _PAUSE)
+            result, topics = await self._retry("written", work, "BEGIN ISOLATION LEVEL READ COMMITTED", patience)
         for topic in topics:
             self._changes.announce(topic)
         return result

@@ -9,7 +9,6 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any, TypeVar
 
 from pretouch.errors import Unavailable
@@ -71,7 +70,7 @@ class SqlStore:
                 raise Stale
 
         await self._write(work)
-        return replace(record, version=1)
+        return record.with_version(1)
 
     async def update(self, before: Record, after: Record, events: Sequence[NewEvent], lease: str | None) -> Record:
         step = await self._encode(lambda: rows.StepColumns.between(before, after, events))
@@ -85,7 +84,7 @@ class SqlStore:
             tx.announce(before.id)
 
         await self._write(work)
-        return replace(after, version=before.version + 1)
+        return after.with_version(before.version + 1)
 
     async def end(self, before: Snapshot, after: Session, events: Sequence[NewEvent]) -> None:
         view, data = await self._encode(lambda: (rows.view_column(after), rows.event_columns(events)))
@@ -220,9 +219,9 @@ class SqlStore:
         return int(found[0]["used"])
 
     async def check(self) -> None:
+        self._database.check_disk()
         if not self._in_doubt and time.monotonic() < self._checked + _FRESH:
             return
-        self._database.check_disk()
         values = {"ballast": os.urandom(_BALLAST if self._in_doubt else 1)}
         statement = (
             "INSERT INTO heartbeat (id, at, ballast) VALUES (0, epoch(), :ballast) "
