@@ -179,7 +179,7 @@ def _segment_standing_object(view: TableView, area: Pixels) -> Pixels:
         if pixels.sum() < MIN_OBJECT_PIXELS:
             break
         foot, top = view.heights[pixels].min(), np.percentile(view.heights[pixels], 95)
-        if foot < _MAX_FOOT and top > _MIN_HEIGHT and view.is_over_table(pixels):
+        if foot < _MAX_FOOT and top > _MIN_HEIGHT and view.is_over_table(view.points[pixels]):
             return pixels
     raise InvalidInput(
         "Nothing stands on the table within the view, or within the roi if one was sent.",
