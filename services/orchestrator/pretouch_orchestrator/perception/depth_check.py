@@ -61,7 +61,7 @@ def check_depth(depth: DepthImage) -> None:
     if not seen.any():
         raise InvalidInput(
             f"The depth image holds no depth: all of it is no data, with depth_scale {depth.scale:g}.",
-            "Send depth in units of camera.depth_scale; 0, NaN and a type's largest value mean no data.",
+            "Send metres = value x camera.depth_scale; 0 means no data, as NaN and a type's largest value do.",
         )
     _check_bytes(depth)
     near, far = _POSSIBLE_DEPTH

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pretouch.camera import DepthImage
@@ -92,53 +94,62 @@ def clean_mask(view: TableView, mask: Pixels) -> CleanMask:
     Raises:
         InvalidInput: nothing in it rises above the table.
     """
-    low = (view.depth > 0) & (view.heights < -3 * view.std - _BELOW_TABLE)
-    labels = view.label(mask & ~low)
+    window = ndimage.find_objects(mask.astype(np.int8))[0]
+    near, marked = view.cropped(window), mask[window] & (view.depth[window] > 0)
+    low = near.heights < -3 * near.std - _BELOW_TABLE
+    pixels = np.zeros_like(mask)
+    pixels[window] = _select_parts(view, near, near.label(mask[window] & ~(marked & low)))
+    _refuse_level(near, marked, pixels[window])
+    return CleanMask(pixels, tuple(_describe(near, marked, pixels[window])))
+
+
+def _select_parts(view: TableView, near: TableView, labels: NDArray[np.intp]) -> Pixels:
+    """The labelled parts that belong to the object; `near` is the part of `view` with `labels`."""
     sizes = np.bincount(labels.ravel())
+    if len(sizes) == 1:
+        return np.zeros(labels.shape, dtype=bool)
     large = [k for k in range(1, min(len(sizes), _MAX_CLUSTERS + 1)) if sizes[k] >= MIN_OBJECT_PIXELS] or [1]
-    over = [k for k in large if view.is_over_table(labels == k)]
+    over = large if len(large) == 1 else [k for k in large if view.is_over_table(near.points[labels == k])]
     main = max(large, key=lambda k: sizes[k] * (1.0 if k in over else _BESIDE_TABLE))
     pixels = np.isin(labels, [main, *over])
     for k in large:
-        if k != main and k not in over and _measure_gaps(view, labels == k, pixels).min() <= _MAX_GAP:
+        if k != main and k not in over and _measure_gaps(near, labels == k, pixels).min() <= _MAX_GAP:
             pixels |= labels == k
     small = (labels > 0) & ~np.isin(labels, large)
-    pixels[small] = _measure_gaps(view, small, pixels) <= depth_jump_threshold(view.depth[small])
-    _refuse_level(view, mask, pixels)
-    return CleanMask(pixels, tuple(_describe(view, mask, pixels)))
+    pixels[small] = _measure_gaps(near, small, pixels) <= depth_jump_threshold(near.depth[small])
+    return np.asarray(pixels, dtype=bool)
 
 
 def _measure_gaps(view: TableView, part: Pixels, object: Pixels) -> Array:
     """(n,), m: the distance of each of the pixels of `part` (h, w) from the object, at most _MAX_GAP or else inf."""
-    if not (part.any() and object.any()):
-        return np.full(int(part.sum()), np.inf)
+    if not part.any():
+        return np.zeros(0)
     distance, _ = cKDTree(view.points[object]).query(view.points[part], distance_upper_bound=_MAX_GAP)
     return np.asarray(distance, dtype=np.float64)
 
 
-def _refuse_level(view: TableView, mask: Pixels, pixels: Pixels) -> None:
-    marked = mask & (view.depth > 0)
+def _refuse_level(view: TableView, marked: Pixels, pixels: Pixels) -> None:
+    """Raises `InvalidInput` if of the `marked` pixels (h, w) with depth hardly one of the clean ones is raised."""
     if (pixels & view.raised).sum() >= _MIN_RAISED * max(MIN_OBJECT_PIXELS, pixels.sum()):
         return
     height = float(np.median(view.heights[marked]))
     raise InvalidInput(
         f"Nothing in the mask rises above the table: in the median its {int(marked.sum())} pixels with depth are "
-        f"{1000 * height:.0f} mm above it.",
+        f"{1000 * abs(height):.0f} mm {'below' if height < 0 else 'above'} it.",
         "Check that the mask belongs to the depth image, and the table if one was sent. If the object is transparent, "
         "black or thinner than 5 mm, the camera does not see it: the finger could run into it.",
     )
 
 
-def _describe(view: TableView, mask: Pixels, pixels: Pixels) -> list[SessionWarning]:
-    marked = int((mask & (view.depth > 0)).sum())
-    dropped, raised = 1 - pixels.sum() / marked, float(view.raised[pixels].mean())
+def _describe(view: TableView, marked: Pixels, pixels: Pixels) -> list[SessionWarning]:
+    dropped, raised = 1 - pixels.sum() / marked.sum(), float(view.raised[pixels].mean())
     warnings = []
     if dropped > 0.2:
         warnings.append(
             SessionWarning(
                 "mask-background",
-                f"{dropped:.0%} of the mask's {marked} pixels with depth are below the table, behind it or in mid-air: "
-                "they are left out.",
+                f"{dropped:.0%} of the mask's {int(marked.sum())} pixels with depth are below the table, behind it or "
+                "in mid-air: they are left out.",
                 "Check that mask and depth image belong together pixel by pixel, and the table if one was sent.",
             )
         )

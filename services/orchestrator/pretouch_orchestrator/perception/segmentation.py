@@ -73,11 +73,12 @@ def find_object(
         mask = check_mask(mask, area, depth)
     points = camera.back_project_image(depth.metres)
     warnings: tuple[SessionWarning, ...] = ()
+    shown: Plane | None
     try:
         if table is None:
-            plane = _find_table(depth, points, area if roi is not None else None, mask)
+            shown = plane = _find_table(depth, points, area if roi is not None else None, mask)
             table = plane.moved(base_T_camera)
-            view, shown = TableView(depth.metres, points, plane), plane
+            view = TableView(depth.metres, points, plane)
         else:
             view = TableView(depth.metres, points, table.moved(base_T_camera.inverse()))
             shown = _find_shown_table(view, mask)
@@ -178,7 +179,7 @@ def _segment_standing_object(view: TableView, area: Pixels) -> Pixels:
         if pixels.sum() < MIN_OBJECT_PIXELS:
             break
         foot, top = view.heights[pixels].min(), np.percentile(view.heights[pixels], 95)
-        if foot < _MAX_FOOT and top > _MIN_HEIGHT and view.is_over_table(pixels):
+        if foot < _MAX_FOOT and top > _MIN_HEIGHT and view.is_over_table(view.points[pixels]):
             return pixels
     raise InvalidInput(
         "Nothing stands on the table within the view, or within the roi if one was sent.",

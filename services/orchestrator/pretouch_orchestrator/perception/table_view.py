@@ -75,9 +75,13 @@ class TableView:
             labels[window] = np.where(depth > 0, connected, 0)
         return labels
 
-    def is_over_table(self, pixels: Pixels) -> bool:
-        """Whether at least half of `pixels` (h, w) lie over the table that is seen, not behind or beside it."""
-        places = self._table_T_camera.apply(self.points[pixels])[:, :2]
+    def cropped(self, window: tuple[slice, slice]) -> TableView:
+        """The view within a window of its rows and columns."""
+        return TableView(self.depth[window], self.points[window], self.table)
+
+    def is_over_table(self, points: Array) -> bool:
+        """Whether at least half of points (n, 3), m, lie over the table that is seen, not behind or beside it."""
+        places = self._table_T_camera.apply(points)[:, :2]
         over = places @ self._outline[:, :2].T + self._outline[:, 2] <= -_OUTLINE_MARGIN
         return bool(over.all(axis=1).mean() >= 0.5)
 
@@ -91,9 +95,10 @@ class TableView:
         pieces, _ = ndimage.label(self.level, structure=np.ones((3, 3)))
         sizes = np.bincount(pieces.ravel())
         sizes[0] = 0
-        large = np.isin(pieces, np.flatnonzero(sizes >= max(MIN_OBJECT_PIXELS, 0.1 * sizes.max())))
+        large = (sizes >= max(MIN_OBJECT_PIXELS, 0.1 * sizes.max()))[pieces]
+        edge = large & ~ndimage.binary_erosion(large)
         try:
-            hull = ConvexHull(self._table_T_camera.apply(self.points[large])[:, :2])
+            hull = ConvexHull(self._table_T_camera.apply(self.points[edge])[:, :2])
         except (QhullError, ValueError):
             return np.zeros((0, 3))
         return np.asarray(hull.equations, dtype=np.float64)
