@@ -1,11 +1,11 @@
-"""What the session store costs: `python -m benchmarks.store [--json OUT]`. Takes some four minutes.
+"""What the session store costs: `python -m benchmarks.store [--json OUT]`. Takes some five minutes.
 
 A real orchestrator before services that answer by formula (those of the tests), so that the store and the planner are
 all that is measured.
 
 - Bytes that the orchestrator reads and writes in each call of a session on a depth image of 4 megapixels, which the
   object and its surroundings fill. With PostgreSQL: the server's log, which holds what is written.
-- Scans of sessions on small images, with and without KEPT others in the store: seconds, and the store's size.
+- Scans of sessions on small images, with few and with KEPT others in the store, in turns: milliseconds; bytes of each.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -110,38 +110,34 @@ def measure_bytes(database: str | None = None) -> dict[str, float]:
     return figures
 
 
-def measure_growth(database: str | None = None) -> dict[str, float]:
-    """Milliseconds of scans, and kB of the store for each session, with few and with many sessions kept."""
+def measure_growth(addresses: tuple[str, str] | None = None) -> dict[str, float]:
+    """Milliseconds of scans in a store with few sessions and in one with KEPT, in turns; kB that each session takes."""
     figures: dict[str, float] = {}
-    with started(database) as orchestrator, httpx.Client(base_url=orchestrator.rest_url, timeout=300) as rest:
-        model = scanned(rest, opened(rest))
-        figures |= _time_steps(rest, "few kept")
-        orchestrator.stop()
-        used = asyncio.run(_fill(database or f"sqlite:{orchestrator.state}", model["id"]))
-        orchestrator.start()
-        figures |= _time_steps(rest, f"{KEPT} kept")
-        figures["kB a session"] = used / 1000
-    return figures
-
-
-def _time_steps(rest: httpx.Client, name: str) -> dict[str, float]:
-    seconds, gets, session = [], [], None
-    while len(seconds) < _STEPS:
-        if session is None or session["next_scan"] is None:
-            session = opened(rest)
-        body, path = box_view.samples(session["next_scan"]), scan_path(session)
-        start = time.perf_counter()
-        answer = rest.post(path, json=body)
-        seconds.append(time.perf_counter() - start)
-        session = answer.json()
-        start = time.perf_counter()
-        rest.get(f"/v1/sessions/{session['id']}").raise_for_status()
-        gets.append(time.perf_counter() - start)
-    return {
-        f"{name}: scan p50 ms": 1000 * float(np.median(seconds)),
-        f"{name}: scan p95 ms": 1000 * float(np.percentile(seconds, 95)),
-        f"{name}: get p50 ms": 1000 * float(np.median(gets)),
-    }
+    with ExitStack() as stack:
+        few, many = (stack.enter_context(started(address)) for address in addresses or (None, None))
+        clients = [stack.enter_context(httpx.Client(base_url=each.rest_url, timeout=300)) for each in (few, many)]
+        model = scanned(clients[1], opened(clients[1]))
+        many.stop()
+        used = asyncio.run(_fill(addresses[1] if addresses else f"sqlite:{many.state}", model["id"]))
+        many.start()
+        seconds: dict[str, list[float]] = {}
+        sessions: list[dict[str, Any] | None] = [None, None]
+        for turn in range(2 * _STEPS):
+            name, rest = ("few kept", f"{KEPT} kept")[turn % 2], clients[turn % 2]
+            session = sessions[turn % 2]
+            if session is None or session["next_scan"] is None:
+                session = opened(rest)
+            body, path = box_view.samples(session["next_scan"]), scan_path(session)
+            start = time.perf_counter()
+            sessions[turn % 2] = rest.post(path, json=body).json()
+            between = time.perf_counter()
+            rest.get(f"/v1/sessions/{session['id']}").raise_for_status()
+            seconds.setdefault(f"{name}: scan", []).append(between - start)
+            seconds.setdefault(f"{name}: get", []).append(time.perf_counter() - between)
+        for name, values in seconds.items():
+            for quantile in (50, 95):
+                figures[f"{name} p{quantile} ms"] = 1000 * float(np.percentile(values, quantile))
+    return figures | {"kB a session": used / 1000}
 
 
 async def _fill(store_address: str, model: str) -> float:
@@ -173,14 +169,21 @@ def started(database: str | None) -> Iterator[Orchestrator]:
 
 
 def measure() -> dict[str, float]:
-    """All figures, of SQLite and PostgreSQL."""
+    """All figures, of SQLite and PostgreSQL; each is printed when it is known."""
     from helpers.postgresql import PostgresqlServer
 
     figures: dict[str, float] = {}
     with PostgresqlServer() as server:
-        for name, database in (("SQLite", None), ("PostgreSQL", server.new_database())):
-            for part in (measure_bytes(database), measure_growth(database)):
-                figures |= {f"{name}, {figure}": value for figure, value in part.items()}
+        few, many = server.new_database(), server.new_database()
+        parts = {
+            "SQLite": (measure_bytes, measure_growth),
+            "PostgreSQL": (lambda: measure_bytes(server.new_database()), lambda: measure_growth((few, many))),
+        }
+        for name, measurements in parts.items():
+            for measure_part in measurements:
+                for figure, value in measure_part().items():
+                    figures[f"{name}, {figure}"] = value
+                    print(f"{name}, {figure:40} {value:10.3f}", flush=True)
     return figures
 
 
@@ -189,7 +192,5 @@ if __name__ == "__main__":
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     out = parser.parse_args().json
     measured = measure()
-    for figure, value in measured.items():
-        print(f"{figure:50} {value:10.3f}")
     if out:
         out.write_text(json.dumps(measured, indent=1) + "\n")

@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pretouch_orchestrator.sessions.loop import Loop, prepare_scene
+from pretouch_orchestrator.perception.preparation import prepare_scene
+from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.sessions.transitions import inspect_submission
 from pretouch_registrar.engines import Engine
@@ -64,7 +65,7 @@ class Sent(NamedTuple):
     def scaled(self, scale: float | None, unit: float, dtype: type = np.uint16) -> Sent:
         """With an image in units of `unit`, m, that is said to be in `scale`."""
         metres = self.values * UNIT / unit
-        values = (np.round(metres) if dtype is np.uint16 else metres).astype(dtype)
+        values: NDArray[np.generic] = (np.round(metres) if dtype is np.uint16 else metres).astype(dtype)
         return self._replace(request=replace(self.request, depth_scale=scale), values=values)
 
     def seen_by(self, change: Callable[[Camera], Camera]) -> Sent:

@@ -40,6 +40,7 @@ def open_channel(
     tls_ca: Path | None = None,
     tls_cert: Path | None = None,
     tls_key: Path | None = None,
+    *,
     server_name: str | None = None,
 ) -> grpc.aio.Channel:
     """A channel to `host:port` (or a gRPC target such as `dns:///host:port`) for asyncio.

@@ -24,6 +24,7 @@ _PARTS = (
     *("detector-1", "detector-2"),
 )
 _READY_WITHIN = 600.0
+_RESTARTED_WITHIN = 120.0
 _SERVICE_FAULTS = (Fault.KILL, Fault.CRASH, Fault.HANG, Fault.FREEZE, Fault.BLACKHOLE)
 _OTHER_FAULTS = (Fault.KILL, Fault.FREEZE, Fault.BLACKHOLE)
 _SECRET = _REPOSITORY / "deploy" / "fleet" / "secrets" / "postgres_password"
@@ -65,12 +66,14 @@ class ContainerFleet:
         container = self._container(part)
         match fault:
             case Fault.KILL:  # docker kill would count as a wish that it stays away
-                os.kill(int(_inspect(container)["State"]["Pid"]), signal.SIGKILL)
+                os.kill(_wait_until_it_runs(container), signal.SIGKILL)
             case Fault.CRASH | Fault.HANG:
+                _wait_until_it_runs(container)
                 number = signal.SIGKILL if fault is Fault.CRASH else signal.SIGSTOP
                 for pid in self._service_pids(container):
                     os.kill(pid, number)
             case Fault.FREEZE:
+                _wait_until_it_runs(container)
                 _docker("pause", container)
             case _:
                 _docker("network", "disconnect", "--force", f"{self._project}_inside", container)
@@ -117,6 +120,17 @@ class ContainerFleet:
 
 def _docker(*arguments: str) -> str:
     return _run("docker", *arguments, variables={})
+
+
+def _wait_until_it_runs(container: str) -> int:
+    """The id of its first process; it may be between two starts."""
+    end = time.monotonic() + _RESTARTED_WITHIN
+    while time.monotonic() < end:
+        state = _inspect(container)["State"]
+        if state["Status"] == "running" and int(state["Pid"]) > 0:
+            return int(state["Pid"])
+        time.sleep(0.2)
+    raise RuntimeError(f"{container} does not run: {_docker('logs', '--tail', '20', container)}")
 
 
 def _inspect(container: str) -> dict[str, Any]:

@@ -101,9 +101,12 @@ def request_from_proto(
         if not message.HasField(name):
             raise InvalidInput(f"{name} is missing.", f"Send {name}.")
     given: dict[str, Any] = {}
-    for name in ("depth_scale", "width", "height"):
-        if message.HasField(name):
-            given[name] = getattr(message, name)
+    if message.HasField("depth_scale"):
+        given["depth_scale"] = message.depth_scale
+    if message.HasField("width"):
+        given["width"] = message.width
+    if message.HasField("height"):
+        given["height"] = message.height
     if message.HasField("roi"):
         given["roi"] = (message.roi.u0, message.roi.v0, message.roi.u1, message.roi.v1)
     if message.HasField("table"):

@@ -52,7 +52,7 @@ BAD = {
     ),
     "depth of another size": Bad(
         InvalidInput,
-        "100 x 100 pixels",
+        "100 x 100",
         lambda: files(depth=png(image((100, 100), 7000, np.uint16))),
         lambda: message(depth=image((100, 100), 7000, np.uint16)),
     ),

@@ -101,7 +101,7 @@ def test_the_example_of_a_request_creates_a_session(example: dict[str, Any], orc
     asked = request_from_json(example)
     box = Box.standing((0.08, 0.06, 0.05), at=(0.45, 0.0))
     image, mask = World((box,)).depth(View(asked.base_T_camera, asked.camera, width=640, height=480))
-    depth = np.round(image.metres / asked.depth_scale).astype(np.uint16)
+    depth = np.round(image.metres / (asked.depth_scale or 0.001)).astype(np.uint16)
     files = {
         "request": ("request.json", json.dumps(example), "application/json"),
         "depth": ("depth.png", *encode_depth(depth)),

@@ -107,6 +107,27 @@ async def test_cancelling_leaves_an_ended_session_as_it_ended(client: Any) -> No
     assert (await client.session(session.id)).state is State.CONVERGED
 
 
+async def test_a_purged_session_is_gone_whatever_its_state(client: Any) -> None:
+    for tolerance in (Tolerance(), Tolerance(error=0.5)):
+        session = await client.create_session(request(tolerance=tolerance), DEPTH, MASK)
+        await client.cancel(session.id, purge=True)
+        for call in (client.session(session.id), client.cancel(session.id), client.cancel(session.id, purge=True)):
+            with pytest.raises(NotFound, match=session.id):
+                await call
+
+
+async def test_a_cancellation_does_not_wait_for_the_step_under_way(client: Any, fakes: FakeUpstream) -> None:
+    session = await client.create_session(roomy, DEPTH, MASK)
+    plan = session.next_scan
+    with fakes.held("Register"):
+        step = asyncio.create_task(client.submit(session.id, plan.scan_id, measured(plan)))
+        await asyncio.to_thread(fakes.wait_for_call, "Register")
+        await client.cancel(session.id)
+        with pytest.raises(Conflict, match="cancelled"):
+            await step
+    assert (await client.session(session.id)).state is State.CANCELLED
+
+
 async def test_the_same_scan_again_changes_nothing(client: Any) -> None:
     first = await client.create_session(request(budget=Budget(scans=2, seconds=1e5, fraction=1.0)), DEPTH, MASK)
     samples = measured(first.next_scan)

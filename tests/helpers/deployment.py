@@ -17,7 +17,7 @@ from helpers.processes import free_port
 
 REPOSITORY = Path(__file__).parents[2]
 SERVICES = ("detector", "registrar", "gateway", "orchestrator")
-TOKEN = "a token for this test"
+TOKEN = "a-token-for-this-test"
 SECONDS = 60
 
 

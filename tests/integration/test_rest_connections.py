@@ -154,6 +154,12 @@ async def test_who_is_slow_but_comes_on_is_served() -> None:
             assert (await client.get(f"http://127.0.0.1:{port}/quiet")).text == "beat\n" * 3
 
 
+async def test_of_requests_that_do_not_wait_for_an_answer_one_is_served() -> None:
+    request = b"POST /unread HTTP/1.1\r\nHost: a\r\nContent-Length: 0\r\n\r\n"
+    async with served() as port:
+        assert (await say(port, request * 100)).count(b"200 OK") == 1
+
+
 @pytest.mark.parametrize(
     ("request_bytes", "status"),
     [

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.postgresql import PostgresqlServer
 from helpers.records import a_record
+from helpers.stores import KINDS
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pretouch_orchestrator.sessions import leases
 from pretouch_orchestrator.sessions.manager import SessionManager
 from pretouch_orchestrator.sessions.record import Record
@@ -301,3 +306,70 @@ async def test_a_repeated_submission_is_not_read(start: Start) -> None:
     assert [scan.scan_id for scan in again.scans] == ["s1"]
     with pytest.raises(InvalidInput):
         await a.sessions.list_page("", 0, "")
+
+
+@pytest.fixture(scope="module")
+def shared_database(postgresql: PostgresqlServer) -> str:
+    """One for all examples: a new one for each takes longer than the example."""
+    return postgresql.new_database()
+
+
+@settings(max_examples=15)
+@given(
+    calls=st.lists(
+        st.tuples(st.sampled_from([0, 1]), st.sampled_from(["submit", "tell", "cancel", "get"]), st.integers(0, 3)),
+        min_size=2,
+        max_size=12,
+    )
+)
+@pytest.mark.parametrize("kind", KINDS)
+def test_calls_in_any_order_leave_one_history(
+    kind: str, calls: list[tuple[int, str, int]], request: pytest.FixtureRequest
+) -> None:
+    """Robots call two orchestrators at once: each sends the scan that it believes is next, tells of it, or cancels."""
+    with tempfile.TemporaryDirectory() as folder:
+        address = f"sqlite:{folder}"
+        if kind == "postgresql":
+            address = request.getfixturevalue("shared_database")
+        asyncio.run(call_at_once(address, calls))
+
+
+async def call_at_once(address: str, calls: list[tuple[int, str, int]]) -> None:
+    async with AsyncExitStack() as stack:
+        store = await stack.enter_async_context(open_store(address))
+        other = await stack.enter_async_context(open_store(address)) if address.startswith("postgresql") else store
+        await store.remove("", "one")
+        await store.create("", replace(a_record("one"), answered=()), [NewEvent("session", {})], None)
+        orchestrators = []
+        for each in (store, other):
+            orchestrators.append(Orchestrator(each))
+            stack.callback(orchestrators[-1].context.close)
+            stack.push_async_callback(orchestrators[-1].sessions.close)
+
+        async def call(which: int, what: str, moment: int) -> list[str]:
+            """The scans that the call was answered with."""
+            await asyncio.sleep(moment / 100)
+            orchestrator = orchestrators[which]
+            session = await orchestrator.sessions.get("", "one")
+            if what == "cancel":
+                return [scan.scan_id for scan in (await orchestrator.sessions.cancel("", "one")).scans]
+            if session.next_scan is None or what == "get":
+                return [scan.scan_id for scan in session.scans]
+            with suppress(Conflict, NotFound):
+                if what == "submit":
+                    return await orchestrator.submit(session.next_scan.scan_id)
+                await orchestrator.tell(session.next_scan.scan_id, 0, 2)
+            return []
+
+        answers = await asyncio.gather(*(call(*each) for each in calls))
+        record = await store.load_record("", "one", None)
+        history = [scan.scan_id for scan in record.scans]
+        assert history == list(record.answered)
+        assert len(record.measured) == len(history) == len(set(history))
+        for answer in answers:
+            assert answer == history[: len(answer)], "every answered scan was kept"
+        events = await store.load_events("one", 0)
+        assert [event.id for event in events] == list(range(1, len(events) + 1))
+        kinds = [event.type for event in events]
+        assert kinds.count("scan") == len(history)
+        assert kinds.count("end") == (record.state is State.CANCELLED) == any(what == "cancel" for _, what, _ in calls)

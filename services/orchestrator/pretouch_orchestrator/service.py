@@ -48,7 +48,7 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
             def open_connection(address: str) -> UpstreamConnection:
                 cert, key = (context.settings.tls_cert, context.settings.tls_key) if settings.tls_ca else (None, None)
                 token, server = context.settings.token, addresses.name or None
-                channel = open_channel(address, token, settings.tls_ca, cert, key, server)
+                channel = open_channel(address, token, settings.tls_ca, cert, key, server_name=server)
                 return UpstreamConnection(name, address, channel, make_stub(channel))
 
             copies = Copies(name, addresses, open_connection)

@@ -135,7 +135,7 @@ def _refuse_level(view: TableView, marked: Pixels, pixels: Pixels) -> None:
     height = float(np.median(view.heights[marked]))
     raise InvalidInput(
         f"Nothing in the mask rises above the table: in the median its {int(marked.sum())} pixels with depth are "
-        f"{1000 * height:.0f} mm above it.",
+        f"{1000 * abs(height):.0f} mm {'below' if height < 0 else 'above'} it.",
         "Check that the mask belongs to the depth image, and the table if one was sent. If the object is transparent, "
         "black or thinner than 5 mm, the camera does not see it: the finger could run into it.",
     )

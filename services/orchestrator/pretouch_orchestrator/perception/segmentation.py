@@ -73,11 +73,12 @@ def find_object(
         mask = check_mask(mask, area, depth)
     points = camera.back_project_image(depth.metres)
     warnings: tuple[SessionWarning, ...] = ()
+    shown: Plane | None
     try:
         if table is None:
-            plane = _find_table(depth, points, area if roi is not None else None, mask)
+            shown = plane = _find_table(depth, points, area if roi is not None else None, mask)
             table = plane.moved(base_T_camera)
-            view, shown = TableView(depth.metres, points, plane), plane
+            view = TableView(depth.metres, points, plane)
         else:
             view = TableView(depth.metres, points, table.moved(base_T_camera.inverse()))
             shown = _find_shown_table(view, mask)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import aclosing
+from functools import cache
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -61,6 +62,7 @@ def create_rest_app(
         title="pretouch",
         description=_DESCRIPTION,
         docs_url=None,
+        openapi_url=None,
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
@@ -269,4 +271,16 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
     )
     async def get_docs() -> Response:
         """Shows the OpenAPI document as a self-contained page."""
-        return HTMLResponse(render_docs_page(app.openapi()))
+        return HTMLResponse(get_page())
+
+    @app.get("/openapi.json", include_in_schema=False)
+    async def get_document() -> Response:
+        return Response(get_document_text(), media_type="application/json")
+
+    @cache  # both are large, and asked for by anybody who may: made once, they cost the others no time
+    def get_page() -> str:
+        return render_docs_page(app.openapi())
+
+    @cache
+    def get_document_text() -> str:
+        return json.dumps(app.openapi(), separators=(",", ":"))

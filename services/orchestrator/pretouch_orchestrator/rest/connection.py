@@ -76,6 +76,10 @@ class BoundedConnection(H11Protocol):
     def on_response_complete(self) -> None:
         self.idle_since = self.loop.time()
         self._wait("head", self.idle_since)
+        if self.conn.trailing_data[
+            0
+        ]:  # requests that did not wait for this answer would be served before others' first
+            self.transport.close()
         super().on_response_complete()
 
     def send_400_response(self, msg: str) -> None:
