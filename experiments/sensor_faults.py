@@ -36,6 +36,7 @@ from rich.progress import track
 
 from experiments.command_line import command_of
 from experiments.folders import RESULTS, SHARED
+from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
 from pretouch.session import Planner, Proposer, State
 
@@ -72,7 +73,10 @@ async def run_session(
         samples = scan_along(case.world, record.next_scan.path, finger.sensor, finger, rng)
         diagnoses += bool(diagnose(samples, finger.sensor, record.scene, record.estimate, record.measured))
         empty += not samples.beams(finger.sensor).returned.any()
-        record = await loop.advance(record, record.next_scan.scan_id, samples)
+        try:
+            record = await loop.advance(record, record.next_scan.scan_id, samples)
+        except InvalidInput:  # ranges in millimetres are refused
+            break
     error = case.error(record.estimate.base_T_correction)
     return Outcome(diagnoses, empty, case.error(Pose.identity()), error, record.state)
 

@@ -30,6 +30,7 @@ from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.scanning import scan_along
 
 from pretouch.client import Reflex
+from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
 from pretouch.session import Budget, Proposer, ScanSettings, SessionRequest, State
 from pretouch.tof import RangeSamples
@@ -77,13 +78,12 @@ def kind(record: Record) -> str:
         (make_stuck_finger, {"sensor"}, False),
         (lambda finger: make_stuck_finger(finger, at=0.06), {"sensor"}, False),
         (make_noise_finger, {"sensor"}, False),
-        (make_millimetre_finger, {"sensor"}, False),
         (make_dead_finger, {"sensor", "out-of-range"}, False),
         (lambda finger: make_stuck_finger(finger, at=0.012), {"sensor"}, True),
         (make_noise_finger, {"sensor"}, True),
         (make_dead_finger, {"sensor", "out-of-range"}, True),
     ],
-    ids=["stuck", "stuck-at-60-mm", "noise", "millimetres", "dead", "stuck-and-lifted", "noise-lifted", "dead-guarded"],
+    ids=["stuck", "stuck-at-60-mm", "noise", "dead", "stuck-and-lifted", "noise-lifted", "dead-guarded"],
 )
 def test_a_finger_that_measures_nothing_ends_the_session_and_moves_nothing(
     fault: Callable[[Finger], Finger], kinds: set[str], guarded: bool
@@ -98,6 +98,19 @@ def test_a_finger_that_measures_nothing_ends_the_session_and_moves_nothing(
     assert record.budget_used.scans == len(record.scans) == len(record.measured) >= 2
     assert record.budget_used.seconds == pytest.approx(sum(summary.duration for summary in record.scans))
     assert all(summary.samples > 0 and summary.returns == 0 for summary in record.scans)
+
+
+def test_a_finger_in_millimetres_is_refused_and_the_session_waits_for_the_same_scan() -> None:
+    record = opened(SOUND)
+    with pytest.raises(InvalidInput, match="look like millimetres"):
+        scanned(record, make_millimetre_finger(SOUND))
+    assert len(scanned(record, SOUND).scans) == 1
+
+
+def test_what_is_left_out_of_a_scan_is_a_warning() -> None:
+    (warning,) = scanned(opened(SOUND), make_stuck_finger(SOUND)).warnings
+    assert warning.code == "samples-left-out"
+    assert "In scan-1: The sensor reads" in warning.detail
 
 
 def test_a_dead_finger_does_not_lower_the_next_path() -> None:
