@@ -42,7 +42,7 @@ def prepare_scene(
     step = _choose_step(depth.metres.size / _MAX_PIXELS)
     camera, roi = request.camera, request.roi
     if step > 1 and (mask is None or mask.shape == depth.metres.shape):
-        depth, camera = DepthImage(depth.metres[::step, ::step]), camera.subsampled(step)
+        depth, camera = DepthImage(depth.metres[::step, ::step], depth.scale), camera.subsampled(step)
         mask = None if mask is None else mask[::step, ::step]
         roi = None if roi is None else (roi[0] // step, roi[1] // step, -(-roi[2] // step), -(-roi[3] // step))
     found = find_object(depth, camera, request.base_T_camera, roi, mask, request.table)

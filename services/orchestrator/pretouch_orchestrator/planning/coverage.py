@@ -52,7 +52,8 @@ class CoveragePredictor:
 
     def predict_fractions(self, path: Trajectory, spans: Sequence[tuple[float, float]]) -> Array:
         """(k,): the share of the object that is scanned after a scan of each span (start, end), s, of a path."""
-        seconds = max(1 / self._sensor.rate, path.duration * _LEAST_STEP / max(path.length, _LEAST_STEP))
+        slowest = np.finfo(np.float64).max  # 1 / rate may overflow
+        seconds = max(min(1 / self._sensor.rate, slowest), path.duration * _LEAST_STEP / max(path.length, _LEAST_STEP))
         times = np.asarray(np.arange(int(path.duration / seconds) + 1) * seconds, dtype=np.float64)
         reached = np.zeros((len(times) + 1, len(self._seen)), dtype=np.int16)
         for k, points in self._find_reached(path, times):
