@@ -34,7 +34,7 @@ async def names(store: Store, owner: str = "") -> list[str]:
 
 
 def upkeep(store: Store, **limits: Any) -> Upkeep:
-    return Upkeep(store, replace(Limits(), **limits), structlog.get_logger())
+    return Upkeep(store, replace(Limits(3600.0, 2**30), **limits), structlog.get_logger())
 
 
 async def test_sessions_go_when_they_are_past_keeping_and_abandoned_ones_end_first(store: Store) -> None:
@@ -98,7 +98,7 @@ async def test_keys_are_forgotten_after_a_day(store: Store, monkeypatch: pytest.
     ],
 )
 def test_limits_are_read_with_their_units(variables: dict[str, str], keep: float, max_bytes: int) -> None:
-    assert read(variables) == Limits(keep, max_bytes)
+    assert read(variables) == (keep, max_bytes)
 
 
 @pytest.mark.parametrize("name", ["KEEP", "MAX_STORE"])
@@ -108,8 +108,9 @@ def test_limits_that_cannot_be_read_are_named(name: str, text: str) -> None:
         read({name: text})
 
 
-def read(variables: dict[str, str]) -> Limits:
+def read(variables: dict[str, str]) -> tuple[float, int]:
     needed = {"DETECTOR": "d:1", "REGISTRAR": "r:1", "STATE": "s"}
-    return OrchestratorSettings.from_environment(
+    settings = OrchestratorSettings.from_environment(
         {f"PRETOUCH_ORCHESTRATOR_{name}": value for name, value in (needed | variables).items()}
-    ).limits
+    )
+    return settings.keep, settings.max_store

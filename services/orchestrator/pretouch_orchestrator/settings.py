@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from pretouch.errors import InvalidInput
-from pretouch_orchestrator.sessions.upkeep import Limits
 from pretouch_orchestrator.upstream.addresses import Addresses
 
 _PREFIX = "PRETOUCH_ORCHESTRATOR_"
@@ -23,7 +22,8 @@ class OrchestratorSettings:
         rest_port: 0 chooses a free port, which the log names.
         store: where sessions are kept, as `store.open_store` takes it.
         detector, registrar: where their copies are.
-        limits: how long sessions are kept, and how much they may take.
+        keep: s after its last change for which a session is kept.
+        max_store: bytes that all sessions together may take.
         gateway: host:port; None: robots send their own samples.
         tls_ca: certificate authority of the other services; if given, they are called over TLS.
     """
@@ -31,7 +31,8 @@ class OrchestratorSettings:
     detector: Addresses
     registrar: Addresses
     store: str
-    limits: Limits = field(default_factory=Limits)
+    keep: float = 30 * 86400.0
+    max_store: int = 10 * 2**30
     gateway: str | None = None
     rest_host: str = "127.0.0.1"
     rest_port: int = 8080
@@ -63,9 +64,9 @@ class OrchestratorSettings:
             detector=Addresses.parse(get_required("DETECTOR")),
             registrar=Addresses.parse(get_required("REGISTRAR")),
             store=get_optional("STORE") or f"sqlite:{get_required('STATE')}",
-            limits=Limits(
-                _read_quantity("KEEP", get_optional("KEEP") or "30d", _SECONDS, "a time such as 30d, 12h or 90min"),
-                int(_read_quantity("MAX_STORE", get_optional("MAX_STORE") or "10GiB", _BYTES, "a size such as 10GiB")),
+            keep=_read_quantity("KEEP", get_optional("KEEP") or "30d", _SECONDS, "a time such as 30d, 12h or 90min"),
+            max_store=int(
+                _read_quantity("MAX_STORE", get_optional("MAX_STORE") or "10GiB", _BYTES, "a size such as 10GiB")
             ),
             gateway=get_optional("GATEWAY"),
             rest_host=get_optional("REST_HOST") or "127.0.0.1",
