@@ -24,15 +24,15 @@ def test_the_unit_is_valid_and_leaves_little_exposed(tmp_path: Path) -> None:
         ["systemd-analyze", "verify", unit], capture_output=True, text=True, timeout=TIMEOUT, check=False
     )
     assert (verified.returncode, verified.stderr) == (0, "")
-    judged = subprocess.run(
+    checked = subprocess.run(
         ["systemd-analyze", "security", "--offline=true", "--no-pager", unit],
         capture_output=True,
         text=True,
         timeout=TIMEOUT,
         check=False,
     )
-    exposure = re.search(r"Overall exposure level for \S+: ([\d.]+)", judged.stdout)
-    assert exposure is not None, judged.stdout + judged.stderr
+    exposure = re.search(r"Overall exposure level for \S+: ([\d.]+)", checked.stdout)
+    assert exposure is not None, checked.stdout + checked.stderr
     assert float(exposure[1]) < 2.5
 
 

@@ -117,7 +117,7 @@ async def test_samples_that_were_assessed_are_not_assessed_again() -> None:
     assert assessor.seen == [30]
 
 
-async def test_a_scan_is_not_judged_by_the_samples_of_one_before_it_that_was_closed_elsewhere() -> None:
+async def test_a_scan_is_not_assessed_by_the_samples_of_one_before_it_that_was_closed_elsewhere() -> None:
     assessor, assessments = made()
     assessor.go.set()
     assessments.start(told(60))
