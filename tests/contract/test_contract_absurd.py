@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.box_session import DEPTH, DEPTH_SCALE, MASK, ROOMY, VIEW, measured, request
 from helpers.client_kinds import opened
+from helpers.fake_upstream import FakeUpstream
 from helpers.processes import Orchestrator
 from numpy.typing import NDArray
 
@@ -17,7 +18,7 @@ from pretouch.camera import Camera
 from pretouch.client import RestClient
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Plane, Pose
-from pretouch.session import Budget, Points, SampleChunk, Session, SessionRequest
+from pretouch.session import Budget, GatewaySpan, Points, SampleChunk, Session, SessionRequest
 from pretouch.tof import RangeSamples
 
 C, T = VIEW.camera, VIEW.base_T_camera
@@ -202,3 +203,16 @@ async def test_points_in_millimetres_are_refused(waiting: Session, client: Any) 
     scan = measured(waiting.next_scan).beams(GOOD.sensor)
     with pytest.raises(InvalidInput, match="In millimetres"):
         await client.submit(waiting.id, waiting.next_scan.scan_id, Points(1000 * scan.points()))
+
+
+async def test_samples_of_the_gateway_are_checked_too(
+    waiting: Session, client: Any, fakes: FakeUpstream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = waiting.next_scan
+    assert plan is not None
+    span = GatewaySpan("finger", 1.0, 2.0)
+    monkeypatch.setattr(fakes, "samples", in_millimetres(measured(plan)))
+    with pytest.raises(InvalidInput, match="millimetres"):
+        await client.submit(waiting.id, plan.scan_id, span)
+    with pytest.raises(InvalidInput, match="millimetres"):
+        await client.tell(waiting.id, plan.scan_id, span)
