@@ -60,10 +60,15 @@ class AdmissionControl:
         """Accepts calls from now on."""
         self._closed = None
 
+    @property
+    def closed(self) -> Unavailable | None:
+        """The error for every call while the service warms up or shuts down; None while it serves."""
+        return None if self._closed is None else Unavailable(self._closed, "Try again in a few seconds.")
+
     def admit(self, task: asyncio.Task[Any]) -> Unavailable | Overloaded | None:
         """None if the call that `task` serves may be read, and counts until the task ends; else the error for it."""
-        if self._closed is not None:
-            return Unavailable(self._closed, "Try again in a few seconds.")
+        if (closed := self.closed) is not None:
+            return closed
         if len(self._admitted) >= MAX_CALLS:
             return Overloaded(f"{MAX_CALLS} calls are under way.", "Try again shortly.")
         self._admitted.add(task)

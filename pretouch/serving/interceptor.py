@@ -56,10 +56,18 @@ class CallInterceptor(grpc.aio.ServerInterceptor):  # type: ignore[misc]
     async def intercept_service(
         self, continuation: Callable[[grpc.HandlerCallDetails], Awaitable[Any]], details: grpc.HandlerCallDetails
     ) -> Any:
-        """The method's handler, surrounded; a health check's and an unknown method's as they are."""
+        """The method's handler, surrounded; a health check's and an unknown method's as they are.
+
+        While the service warms up its methods are not known yet: calls are then told to try again.
+        """
         handler = await continuation(details)
-        if handler is None or details.method.startswith(_HEALTH):
+        if details.method.startswith(_HEALTH):
             return handler
+        if handler is None:
+            closed = self._admission.closed
+            return (
+                None if closed is None else self._surround(_refuse_unread(lambda _: closed), details.method, Caller())
+            )
         authorization = _texts(details.invocation_metadata).get("authorization", "").encode()
         caller = self._service.token_check.identify(authorization)
         refusal: PretouchError | None

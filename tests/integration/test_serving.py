@@ -384,3 +384,30 @@ async def test_metrics_answer_while_silent_connections_are_held() -> None:
         assert "pretouch_probe_calls" in await _metrics(client, service)
         for _, writer in held:
             writer.close()
+
+
+async def test_a_call_before_the_warm_up_has_ended_is_told_to_try_again() -> None:
+    warm, entered = asyncio.Event(), asyncio.Event()
+
+    @asynccontextmanager
+    async def slow(server: grpc.aio.Server, context: ServiceContext) -> AsyncIterator[tuple[str, ...]]:
+        entered.set()
+        await warm.wait()
+        async with running(server, context) as names:
+            yield names
+
+    async with started("probe", running, Settings()) as service:
+        port = service.port
+
+    async def serve_slowly() -> None:
+        async with started("probe", slow, Settings(port=port)):
+            pass
+
+    serving = asyncio.create_task(serve_slowly())
+    await entered.wait()
+    async with open_channel(f"127.0.0.1:{port}") as channel:
+        error = await failure(Stub(channel).unary(text("x"), timeout=TIMEOUT))
+    assert isinstance(error, errors.Unavailable), "its methods are not known yet, which is no fault of the caller"
+    assert "warming up" in error.detail
+    warm.set()
+    await serving
