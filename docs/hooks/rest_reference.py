@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from types import SimpleNamespace
 from typing import Any, cast
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from pretouch_orchestrator.rest.app import create_rest_app
 
-from pretouch.serving import Settings
+from pretouch.serving import ServiceContext, Settings
 
 _INTRODUCTION = """# REST
 
@@ -25,8 +24,9 @@ that needs no internet as `/docs`. Where a token is set (`--token`), every reque
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the page."""
-    context = SimpleNamespace(settings=Settings(token="TOKEN"))
-    document = create_rest_app(cast(Any, None), cast(Any, context), cast(Any, None)).openapi()
+    context = ServiceContext("orchestrator", Settings(token="TOKEN"))
+    document = create_rest_app(cast(Any, None), context, cast(Any, None)).openapi()
+    context.close()
     files.append(File.generated(config, "reference/rest.md", content=render(document)))
     return files
 
