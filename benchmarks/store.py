@@ -1,11 +1,11 @@
-"""What the session store costs: `python -m benchmarks.store [--json OUT]`. Takes some five minutes.
+"""What the session store costs: `python -m benchmarks.store [--json OUT]`. Takes some two minutes.
 
-A real orchestrator before services that answer by formula (those of the tests), so that the store and the planner are
-all that is measured.
+The orchestrator is a real one before services that answer by formula (those of the tests).
 
 - Bytes that the orchestrator reads and writes in each call of a session on a depth image of 4 megapixels, which the
   object and its surroundings fill. With PostgreSQL: the server's log, which holds what is written.
-- Scans of sessions on small images, with few and with KEPT others in the store, in turns: milliseconds; bytes of each.
+- What the store takes of a step, of a `GET` and of adding up what it holds, with one session and with KEPT in it, in
+  turns; and kB of a session on a small image after one scan.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,9 +31,11 @@ from helpers import box_view
 from helpers.fake_upstream import FakeUpstream
 from helpers.processes import Orchestrator
 from helpers.rest_sessions import opened, scan_path, scanned
+from pretouch_orchestrator.store import open_store
+from pretouch_orchestrator.store.protocol import NewEvent
 
 KEPT = 1000
-_STEPS = 40
+_STEPS = 200
 _SIDE, _FOCAL = 2000, 2800.0
 
 
@@ -111,49 +113,47 @@ def measure_bytes(database: str | None = None) -> dict[str, float]:
 
 
 def measure_growth(addresses: tuple[str, str] | None = None) -> dict[str, float]:
-    """Milliseconds of scans in a store with few sessions and in one with KEPT, in turns; kB that each session takes."""
-    figures: dict[str, float] = {}
-    with ExitStack() as stack:
-        few, many = (stack.enter_context(started(address)) for address in addresses or (None, None))
-        clients = [stack.enter_context(httpx.Client(base_url=each.rest_url, timeout=300)) for each in (few, many)]
-        model = scanned(clients[1], opened(clients[1]))
-        many.stop()
-        used = asyncio.run(_fill(addresses[1] if addresses else f"sqlite:{many.state}", model["id"]))
-        many.start()
-        seconds: dict[str, list[float]] = {}
-        sessions: list[dict[str, Any] | None] = [None, None]
-        for turn in range(2 * _STEPS):
-            name, rest = ("few kept", f"{KEPT} kept")[turn % 2], clients[turn % 2]
-            session = sessions[turn % 2]
-            if session is None or session["next_scan"] is None:
-                session = opened(rest)
-            body, path = box_view.samples(session["next_scan"]), scan_path(session)
-            start = time.perf_counter()
-            sessions[turn % 2] = rest.post(path, json=body).json()
-            between = time.perf_counter()
-            rest.get(f"/v1/sessions/{session['id']}").raise_for_status()
-            seconds.setdefault(f"{name}: scan", []).append(between - start)
-            seconds.setdefault(f"{name}: get", []).append(time.perf_counter() - between)
-        for name, values in seconds.items():
-            for quantile in (50, 95):
-                figures[f"{name} p{quantile} ms"] = 1000 * float(np.percentile(values, quantile))
-    return figures | {"kB a session": used / 1000}
+    """Milliseconds that the store takes of a step where it keeps one session and KEPT, in turns; kB of a session."""
+    with tempfile.TemporaryDirectory() as folder, started(addresses and addresses[0]) as orchestrator:
+        with httpx.Client(base_url=orchestrator.rest_url, timeout=300) as rest:
+            model = scanned(rest, opened(rest))
+        orchestrator.stop()
+        few, many = addresses or (f"sqlite:{orchestrator.state}", f"sqlite:{folder}")
+        return asyncio.run(_compare_stores(few, many, model["id"]))
 
 
-async def _fill(store_address: str, model: str) -> float:
-    """Adds KEPT sessions, each with a scene of its own; bytes for each."""
-    from pretouch_orchestrator.store import open_store
-    from pretouch_orchestrator.store.protocol import NewEvent
-
-    async with open_store(store_address) as store:
-        record = await store.load_record("", model, None)
-        events = [NewEvent(event.type, event.data) for event in await store.load_events(model, 0)]
-        before = await store.used_bytes()
+async def _compare_stores(few: str, many: str, model: str) -> dict[str, float]:
+    async with open_store(few) as small, open_store(many) as large:
+        record = await small.load_record("", model, None)
+        events = [NewEvent(event.type, event.data) for event in await small.load_events(model, 0)]
         table = record.scene.table
         for count in range(KEPT):
             scene = replace(record.scene, table=replace(table, offset=table.offset + 1e-6 * (count + 1)))
-            await store.create("", replace(record, id=f"kept{count}", scene=scene), events, None)
-        return (await store.used_bytes() - before) / KEPT
+            await large.create("", replace(record, id=f"kept{count}", scene=scene), events, None)
+        figures = {"kB a session": await large.used_bytes() / KEPT / 1000}
+        records = {small: record, large: await large.create("", record, events, None)}
+        seconds: dict[str, list[float]] = {}
+        for _ in range(_STEPS):
+            for store, name in ((small, "1 kept"), (large, f"{KEPT} kept")):
+                start = time.perf_counter()
+                await store.acquire_lease(record.id, "benchmark", 10.0)
+                known = await store.load_record("", record.id, records[store])
+                records[store] = await store.update(known, known, events[-3:], "benchmark")
+                await store.release_lease(record.id, "benchmark")
+                between = time.perf_counter()
+                await store.load_session("", record.id)
+                read = time.perf_counter()
+                await store.used_bytes()
+                for part, took in (
+                    ("step", between - start),
+                    ("get", read - between),
+                    ("sum", time.perf_counter() - read),
+                ):
+                    seconds.setdefault(f"{name}: {part}", []).append(took)
+    for name, values in seconds.items():
+        for quantile in (50, 95):
+            figures[f"{name} p{quantile} ms"] = 1000 * float(np.percentile(values, quantile))
+    return figures
 
 
 @contextmanager
@@ -175,9 +175,9 @@ def measure() -> dict[str, float]:
     figures: dict[str, float] = {}
     with PostgresqlServer() as server:
         few, many = server.new_database(), server.new_database()
-        parts = {
+        parts: dict[str, tuple[Callable[[], dict[str, float]], ...]] = {
             "SQLite": (measure_bytes, measure_growth),
-            "PostgreSQL": (lambda: measure_bytes(server.new_database()), lambda: measure_growth((few, many))),
+            "PostgreSQL": (lambda: measure_bytes(few), lambda: measure_growth((few, many))),
         }
         for name, measurements in parts.items():
             for measure_part in measurements:

@@ -142,7 +142,8 @@ def _serve(
 ) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy reads it: they would be beside our own
     from pretouch.serving import Settings, serve
-    from pretouch.serving.memory import choose_default_memory, parse_bytes
+    from pretouch.serving.memory import choose_default_memory
+    from pretouch.serving.quantities import parse_bytes
 
     name = str(context.info_name)
     settings = Settings(
@@ -157,7 +158,7 @@ def _serve(
         tls_client_ca=tls_client_ca,
         workers=workers,
         max_queue=max_queue,
-        memory=parse_bytes(memory) if memory else choose_default_memory(),
+        memory=parse_bytes(memory, "PRETOUCH_MEMORY") if memory else choose_default_memory(),
         grace=grace,
         log_level=log_level,
         health_socket=health_socket,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, TypeVar
 
@@ -30,7 +30,8 @@ class ServiceContext:
     """A service's settings, tokens, log, metrics, threads and memory.
 
     `log` is a structlog logger whose lines carry the session and scan of the call they belong to. `draining` is set
-    once the service was told to stop: a stream without an end should end then.
+    once the service was told to stop: a stream without an end should end then. A service may set `readiness`, which
+    raises a `PretouchError` while it cannot serve: the health service then says so under the service's name.
 
     Raises:
         InvalidInput: the file of tokens is wrong.
@@ -43,6 +44,7 @@ class ServiceContext:
         self.token_check = TokenCheck(Tokens(settings.token, settings.tokens_file))
         self.metrics = Metrics(name)
         self.draining = asyncio.Event()
+        self.readiness: Callable[[], Awaitable[None]] | None = None
         self.messages, self.short_messages, self._work = MemoryBudget(0), MemoryBudget(0), MemoryBudget(0)
         self._set_aside = 0
         self.share_memory()

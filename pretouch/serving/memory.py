@@ -14,7 +14,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
-from pretouch.errors import InvalidInput, Overloaded, TooLarge
+from pretouch.errors import Overloaded, TooLarge
 
 _LEAST = 64 * 2**20
 """Bytes that work may use at least, however little the service was given."""
@@ -23,7 +23,6 @@ _SHARE = 0.5
 _CGROUP_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8  # of malloc.h
 _LARGE_BLOCK, _ARENAS = 2**20, 2
-_UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30}
 
 
 class MemoryBudget:
@@ -117,20 +116,6 @@ def return_freed_memory() -> None:
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(_M_MMAP_THRESHOLD, _LARGE_BLOCK)
         mallopt(_M_ARENA_MAX, _ARENAS)
-
-
-def parse_bytes(text: str) -> int:
-    """A number of bytes such as 800M or 2G.
-
-    Raises:
-        InvalidInput: it is none.
-    """
-    number, unit = text.strip().upper().removesuffix("B").removesuffix("I"), ""
-    if number[-1:] in _UNITS:
-        number, unit = number[:-1], number[-1:]
-    if not (number.isascii() and number.isdigit() and int(number) > 0):
-        raise InvalidInput(f"{text!r:.40} is not an amount of memory.", "Give bytes, such as 800M or 2G.")
-    return int(number) * _UNITS[unit]
 
 
 def find_total_memory() -> int:

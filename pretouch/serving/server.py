@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable, Iterable
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from typing import Any, cast
@@ -13,7 +14,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection, reflection_pb2_grpc
 
 from pretouch.channel import MESSAGE_LIMITS
-from pretouch.errors import Unavailable
+from pretouch.errors import PretouchError, Unavailable
 from pretouch.serving.admission import AdmissionControl
 from pretouch.serving.context import ServiceContext
 from pretouch.serving.exposure import warn_if_exposed
@@ -40,6 +41,8 @@ _OPTIONS = (
     ("grpc.max_metadata_size", _METADATA_LIMIT),
     ("grpc.absolute_max_metadata_size", _METADATA_LIMIT),
 )
+_READINESS_PERIOD = 2.0
+"""s between two looks at whether a service is ready."""
 _SERVING = health_pb2.HealthCheckResponse.SERVING
 _NOT_SERVING = health_pb2.HealthCheckResponse.NOT_SERVING
 
@@ -75,7 +78,8 @@ class _Registry(grpc.GenericRpcHandler):  # type: ignore[misc]
 async def started(name: str, running: Running, settings: Settings) -> AsyncIterator[Started]:
     """Serves `running` for as long as the block lasts, then drains: running calls get `settings.grace` to finish.
 
-    The health service says SERVING between warm-up and drain, for the server ("") and each service by name.
+    The health service says SERVING between warm-up and drain, for the server ("") and each service by name; by name
+    only while the service is ready, if it says whether it is. So a server that waits for another is not restarted.
 
     Raises:
         InvalidInput: TLS material that cannot be used.
@@ -104,6 +108,9 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
         admission.open()
         for service in ("", *services):
             await statuses.set(service, _SERVING)
+        if context.readiness is not None:
+            telling = asyncio.create_task(_tell_readiness(context.readiness, statuses, services))
+            stack.callback(telling.cancel)
         try:
             yield Started(context, port, metrics_port)
         finally:
@@ -111,6 +118,18 @@ async def started(name: str, running: Running, settings: Settings) -> AsyncItera
             context.draining.set()
             await admission.drain(settings.grace)
             await server.stop(None)
+
+
+async def _tell_readiness(check: Callable[[], Awaitable[None]], statuses: Any, services: Sequence[str]) -> None:
+    while True:
+        status = _SERVING
+        try:
+            await check()
+        except PretouchError:
+            status = _NOT_SERVING
+        for service in services:
+            await statuses.set(service, status)
+        await asyncio.sleep(_READINESS_PERIOD)
 
 
 def _bind(server: grpc.aio.Server, settings: Settings) -> int:

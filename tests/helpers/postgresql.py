@@ -15,6 +15,7 @@ import shutil
 import signal
 import tempfile
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,19 @@ class PostgresqlServer:
         if process.is_running():
             os.kill(process.pid, signal.SIGQUIT)
             process.wait(60)
+
+    @contextlib.contextmanager
+    def frozen(self) -> Iterator[None]:
+        """Within the block it takes connections and bytes, and answers nothing."""
+        postmaster = self._server.get_postmaster_info().process
+        processes = [postmaster, *postmaster.children()]
+        for process in processes:
+            process.suspend()
+        try:
+            yield
+        finally:
+            for process in processes:
+                process.resume()
 
     def start(self) -> None:
         self._server.ensure_postgres_running()

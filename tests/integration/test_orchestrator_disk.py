@@ -12,10 +12,14 @@ from typing import Any
 
 import httpx
 import pytest
+from grpc_health.v1 import health_pb2, health_pb2_grpc
 from helpers import box_view
 from helpers.fake_upstream import FakeUpstream
 from helpers.processes import Orchestrator
 from helpers.rest_sessions import assert_problem, opened, scan_path, scanned
+from pretouch_orchestrator.servicer import SERVICE
+
+from pretouch.channel import open_sync_channel
 
 
 def limit_files(orchestrator: Orchestrator, size: int) -> None:
@@ -56,9 +60,22 @@ def test_steps_on_a_full_disk_are_refused_and_counted_once_there_is_room(
     limit_files(orchestrator, 1)
     try:
         assert_refused(rest, session, "session store", "disk")
+        wait_for_health(orchestrator, health_pb2.HealthCheckResponse.NOT_SERVING)
     finally:
         limit_files(orchestrator, resource.RLIM_INFINITY)
     assert_well(rest, session)
+    wait_for_health(orchestrator, health_pb2.HealthCheckResponse.SERVING)
+
+
+def wait_for_health(orchestrator: Orchestrator, status: int) -> None:
+    """Returns once the health service says this of the sessions; of the process it says SERVING all the time."""
+    with open_sync_channel(orchestrator.address) as channel:
+        stub = health_pb2_grpc.HealthStub(channel)
+        serves = stub.Check(health_pb2.HealthCheckRequest(), timeout=30).status
+        assert serves == health_pb2.HealthCheckResponse.SERVING
+        for seen in stub.Watch(health_pb2.HealthCheckRequest(service=SERVICE), timeout=60):
+            if seen.status == status:
+                return
 
 
 @pytest.fixture

@@ -85,7 +85,7 @@ class Orchestrator:
         self.store = store
         self.loop = HeldLoop()
         self.context = ServiceContext("orchestrator", Settings())
-        upkeep = Upkeep(store, Limits(), self.context.log)
+        upkeep = Upkeep(store, Limits(3600.0, 2**30), self.context.log)
         self.sessions = SessionManager(store, self.loop, self.context, upkeep)  # type: ignore[arg-type]
 
     async def submit(self, scan_id: str, owner: str = "") -> list[str]:

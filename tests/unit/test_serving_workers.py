@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from pretouch.cancellation import check_cancelled
-from pretouch.errors import InvalidInput, Overloaded, TooLarge
-from pretouch.serving.memory import MemoryBudget, find_total_memory, parse_bytes
+from pretouch.errors import Overloaded, TooLarge
+from pretouch.serving.memory import MemoryBudget
 from pretouch.serving.workers import Workers
 
 
@@ -163,18 +163,3 @@ class Budget(RuleBasedStateMachine):
 
 TestBudget = Budget.TestCase
 TestBudget.settings = settings(max_examples=40, stateful_step_count=20, deadline=None)
-
-
-def test_amounts_of_memory_are_read_as_people_write_them() -> None:
-    assert [parse_bytes(text) for text in ("1000", "64k", "800M", "2G", "2GiB", "3GB")] == [
-        1000,
-        64 << 10,
-        800 << 20,
-        2 << 30,
-        2 << 30,
-        3 << 30,
-    ]
-    for text in ("", "G", "-1", "1.5G", "two", "²"):
-        with pytest.raises(InvalidInput):
-            parse_bytes(text)
-    assert find_total_memory() > 2**20

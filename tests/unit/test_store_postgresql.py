@@ -12,6 +12,7 @@ from helpers.postgresql import PostgresqlServer
 from helpers.records import a_record, after_telling
 from helpers.stores import same
 from pretouch_orchestrator.store import open_store
+from pretouch_orchestrator.store import postgresql as postgresql_store
 from pretouch_orchestrator.store.protocol import Store
 
 from pretouch.errors import Unavailable
@@ -65,6 +66,27 @@ async def test_changes_are_heard_after_the_listening_connection_was_lost(
         record = await stores[0].update(record, after_telling(record, count + 1), [], None)
         async with asyncio.timeout(60):
             await change.wait()
+
+
+async def test_a_server_that_hangs_is_not_waited_for(
+    postgresql: PostgresqlServer, stores: tuple[Store, Store], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = await stores[0].create("", a_record(), [], None)
+    monkeypatch.setattr(postgresql_store, "_LONGEST", 0.5)
+    monkeypatch.setattr(postgresql_store, "_PATIENCE", 1.0)
+    with postgresql.frozen():
+        calls = [store.load_session("", "one") for store in stores for _ in range(20)]
+        calls += [store.check() for store in stores]
+        async with asyncio.timeout(120):
+            outcomes = await asyncio.gather(*calls, return_exceptions=True)
+        assert {type(outcome) for outcome in outcomes} == {Unavailable}
+    monkeypatch.undo()
+    async with asyncio.timeout(120):
+        while True:
+            with contextlib.suppress(Unavailable):
+                await stores[1].check()
+                break
+    assert same(await stores[1].load_record("", "one", None), record)
 
 
 async def test_a_scene_that_is_removed_and_stored_at_once_stays_whole(stores: tuple[Store, Store]) -> None:

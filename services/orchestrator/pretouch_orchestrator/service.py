@@ -22,7 +22,7 @@ from pretouch_orchestrator.rest.server import serve_rest
 from pretouch_orchestrator.servicer import SERVICE, OrchestratorServicer
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.manager import SessionManager
-from pretouch_orchestrator.sessions.upkeep import Upkeep
+from pretouch_orchestrator.sessions.upkeep import Limits, Upkeep
 from pretouch_orchestrator.settings import OrchestratorSettings
 from pretouch_orchestrator.store import open_store
 from pretouch_orchestrator.store.protocol import Store
@@ -64,12 +64,13 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
             upstreams.append(await connect("sensor gateway", address, gateway_pb2_grpc.SensorGatewayServiceStub))
             gateway = GatewayClient(upstreams[-1])
         loop = Loop(DetectorClient(detector), RegistrarClient(registrar), gateway, context.go_on_in_thread)
-        upkeep = Upkeep(store, settings.limits, context.log)
+        upkeep = Upkeep(store, Limits(settings.keep, settings.max_store), context.log)
         sessions = SessionManager(store, loop, context, upkeep)
         stack.push_async_callback(sessions.close)
         add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
         hosts = HostCheck(settings.rest_host, settings.allowed_hosts)
-        app = create_rest_app(sessions, context, _make_readiness_check(store, upstreams), hosts)
+        context.readiness = _make_readiness_check(store, upstreams)
+        app = create_rest_app(sessions, context, context.readiness, hosts)
         await stack.enter_async_context(serve_rest(app, settings, context))
         for work in (upkeep.run(), _end_streams_when_draining(sessions, context)):
             stack.push_async_callback(_stop, asyncio.create_task(work))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from pretouch.errors import InvalidInput
-from pretouch_orchestrator.sessions.upkeep import Limits
+from pretouch.serving.quantities import parse_bytes, parse_seconds
 from pretouch_orchestrator.upstream.addresses import Addresses
 
 _PREFIX = "PRETOUCH_ORCHESTRATOR_"
@@ -23,7 +22,8 @@ class OrchestratorSettings:
         rest_port: 0 chooses a free port, which the log names.
         store: where sessions are kept, as `store.open_store` takes it.
         detector, registrar: where their copies are.
-        limits: how long sessions are kept, and how much they may take.
+        keep: s after its last change for which a session is kept.
+        max_store: bytes that all sessions together may take.
         gateway: host:port; None: robots send their own samples.
         tls_ca: certificate authority of the other services; if given, they are called over TLS.
     """
@@ -31,7 +31,8 @@ class OrchestratorSettings:
     detector: Addresses
     registrar: Addresses
     store: str
-    limits: Limits = field(default_factory=Limits)
+    keep: float = 30 * 86400.0
+    max_store: int = 10 * 2**30
     gateway: str | None = None
     rest_host: str = "127.0.0.1"
     rest_port: int = 8080
@@ -63,10 +64,8 @@ class OrchestratorSettings:
             detector=Addresses.parse(get_required("DETECTOR")),
             registrar=Addresses.parse(get_required("REGISTRAR")),
             store=get_optional("STORE") or f"sqlite:{get_required('STATE')}",
-            limits=Limits(
-                _read_quantity("KEEP", get_optional("KEEP") or "30d", _SECONDS, "a time such as 30d, 12h or 90min"),
-                int(_read_quantity("MAX_STORE", get_optional("MAX_STORE") or "10GiB", _BYTES, "a size such as 10GiB")),
-            ),
+            keep=parse_seconds(get_optional("KEEP") or "30d", f"{_PREFIX}KEEP"),
+            max_store=parse_bytes(get_optional("MAX_STORE") or "10GiB", f"{_PREFIX}MAX_STORE"),
             gateway=get_optional("GATEWAY"),
             rest_host=get_optional("REST_HOST") or "127.0.0.1",
             rest_port=int(port),
@@ -75,20 +74,6 @@ class OrchestratorSettings:
                 name.strip() for name in (get_optional("ALLOWED_HOSTS") or "").split(",") if name.strip()
             ),
         )
-
-
-_SECONDS = {"d": 86400.0, "h": 3600.0, "min": 60.0, "s": 1.0, "": 86400.0}
-"""s in each unit of time; a number alone is days."""
-_BYTES = {"": 1.0, "KiB": 2.0**10, "MiB": 2.0**20, "GiB": 2.0**30, "TiB": 2.0**40}
-"""Bytes in each unit of size."""
-
-
-def _read_quantity(name: str, text: str, units: dict[str, float], meaning: str) -> float:
-    """The number in `text` times its unit; raises `InvalidInput` unless that is a positive, finite number."""
-    match = re.fullmatch(r"(\d{1,15}(?:\.\d{1,9})?) ?([A-Za-z]*)", text, re.ASCII)
-    if match is None or match[2] not in units or float(match[1]) <= 0:
-        raise InvalidInput(f"{_PREFIX}{name} is {text!r:.80}.", f"Give {meaning}.")
-    return float(match[1]) * units[match[2]]
 
 
 _MEANING = {

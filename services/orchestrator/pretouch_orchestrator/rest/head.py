@@ -27,9 +27,8 @@ class HeadAsGet:
         async def send_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 await send(message)
-            elif not answered.is_set():
-                answered.set()
                 await send({"type": "http.response.body"})
+                answered.set()
 
         as_get = {**scope, "method": "GET"}
         try:

@@ -26,8 +26,8 @@ class Limits:
         max_bytes: what all sessions together may take.
     """
 
-    keep: float = 30 * 86400.0
-    max_bytes: int = 10 * 2**30
+    keep: float
+    max_bytes: int
 
 
 async def cancel_session(store: Store, owner: str, session_id: str) -> Snapshot:

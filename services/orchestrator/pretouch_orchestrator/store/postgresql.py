@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
 import secrets
+import socket
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -30,6 +32,8 @@ _PATIENCE = 4.0
 """s for which a transaction is tried again while the database cannot be reached."""
 _START_PATIENCE = 30.0
 """s that a start waits for the database, which may start at the same time."""
+_LONGEST = 8.0
+"""s that a transaction may take; the server's own limit of a statement is shorter, but it may hang."""
 _PAUSE = 0.5
 """s between two tries."""
 _LISTEN_HEARTBEAT = 3.0
@@ -122,10 +126,10 @@ class PostgresqlDatabase:
     async def _retry(
         self, done: str, work: Callable[[Transaction], T], begin: str, patience: float
     ) -> tuple[T, list[str]]:
-        loop, until = asyncio.get_running_loop(), time.monotonic() + patience
+        until = time.monotonic() + patience
         while True:
             try:
-                return await loop.run_in_executor(self._threads, lambda: self._run(work, begin))
+                return await self._run_in_thread(work, begin)
             except (*_TRANSIENT, *_RACES) as error:
                 if time.monotonic() > until:
                     if isinstance(error, _RACES):
@@ -134,8 +138,24 @@ class PostgresqlDatabase:
                     raise Unavailable(message, _REMEDY, retry_after=2.0) from error
             await asyncio.sleep(_PAUSE)
 
-    def _run(self, work: Callable[[Transaction], T], begin: str) -> tuple[T, list[str]]:
+    async def _run_in_thread(self, work: Callable[[Transaction], T], begin: str) -> tuple[T, list[str]]:
+        """Runs the transaction; one that a server does not answer is cut off, wherever it hangs."""
+        used: list[psycopg.Connection[dict[str, Any]]] = []
+        running = asyncio.get_running_loop().run_in_executor(self._threads, lambda: self._run(work, begin, used))
+        while not (await asyncio.wait({running}, timeout=_LONGEST))[0]:
+            if used:
+                with suppress(OSError), socket.socket(fileno=os.dup(used[0].fileno())) as line:
+                    line.shutdown(socket.SHUT_RDWR)
+            elif running.cancel():
+                raise psycopg.OperationalError("every connection waits for an answer")
+        return running.result()
+
+    def _run(
+        self, work: Callable[[Transaction], T], begin: str, used: list[psycopg.Connection[dict[str, Any]]]
+    ) -> tuple[T, list[str]]:
+        """What `work` returns, and the topics to announce; `used` is given the connection."""
         connection = self._connect()
+        used.append(connection)
         transaction = _Transaction(connection, self.process)
         try:
             connection.execute(begin)
@@ -197,7 +217,7 @@ async def open_store(place: str) -> AsyncIterator[SqlStore]:
             yield store
         finally:
             listening.cancel()
-            await asyncio.gather(listening, return_exceptions=True)
+            await asyncio.wait({listening}, timeout=_LONGEST)  # a server that hangs may not answer to the end
 
 
 async def _migrate_once_there(address: str) -> None:
