@@ -20,7 +20,7 @@ from pretouch.wire.common import scene_to_proto
 
 
 class _Context:
-    async def run_in_thread(self, call: Callable[..., Any], *arguments: Any) -> Any:
+    async def run_in_thread(self, call: Callable[..., Any], *arguments: Any, memory: int = 0) -> Any:
         return call(*arguments)
 
 

@@ -28,7 +28,8 @@ def test_the_wheel_holds_code_protocol_weights_migrations_and_licence_and_no_tes
     wanted |= {proto.replace(".proto", "_pb2.py") for proto in wanted}
     wanted |= {f"{package}/py.typed" for package in _packages()}
     wanted |= {f"pretouch_detector/weights/scorer.{kind}" for kind in ("onnx", "json", "safetensors")}
-    wanted |= {"pretouch_orchestrator/store/migrations/001_sessions.sql"}
+    orchestrator = ROOT / "services/orchestrator"
+    wanted |= {str(script.relative_to(orchestrator)) for script in orchestrator.glob("*/store/migrations/*/*.sql")}
     wanted |= {f"pretouch-{PROJECT['version']}.dist-info/licenses/LICENSE"}
     assert wanted <= held
     assert {name.split("/")[0] for name in held} == {*_packages(), f"pretouch-{PROJECT['version']}.dist-info"}

@@ -22,6 +22,8 @@ from pretouch_orchestrator.store.sqlite import FILE_NAME, open_store
 
 from pretouch.v1 import orchestrator_pb2
 
+TESTS = Path(__file__).parents[1]
+
 
 def old_records(version: int) -> list[Record]:
     """One that has ended, one in a scan (from version 2 on), one of another scene; each of today."""
@@ -61,7 +63,7 @@ async def test_a_migration_that_is_killed_at_any_moment_loses_nothing(tmp_path: 
     records = old_records(2)
     write_old_store(tmp_path / "old" / FILE_NAME, 2, records)
     command = [sys.executable, "-m", "helpers.old_store", str(tmp_path / "old" / FILE_NAME), str(tmp_path / "killed")]
-    await asyncio.to_thread(subprocess.run, command, check=True, timeout=240)
+    await asyncio.to_thread(subprocess.run, command, cwd=TESTS, check=True, timeout=240)
     copies = sorted((tmp_path / "killed").iterdir(), key=lambda copy: int(copy.name))
     versions = []
     for copy in copies:
