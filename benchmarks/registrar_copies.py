@@ -11,51 +11,22 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import os
-import socket
-import subprocess
-import sys
 import tempfile
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
-from typing import Any
+from contextlib import ExitStack
 
 import numpy as np
-import psutil
 from pretouch_simulation.demo import request_for
 from pretouch_simulation.fingers.ideal import ThinBeam
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import Case, generator, make_case
 from pretouch_simulation.scanning import scan_along
 
+from benchmarks.running_service import free_port, processor_seconds, service
 from pretouch.client import RestClient
 
 _FINGER = ThinBeam()
-
-
-@contextmanager
-def service(name: str, **variables: str) -> Iterator[psutil.Process]:
-    """`pretouch serve NAME`, once it is ready."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pretouch", "serve", name], env=os.environ | variables, stderr=subprocess.PIPE
-    )
-    try:
-        assert process.stderr is not None
-        for line in process.stderr:
-            if b'"ready"' in line:
-                break
-        threading.Thread(target=process.stderr.read, daemon=True).start()
-        yield psutil.Process(process.pid)
-    finally:
-        process.terminate()
-        process.wait(60)
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
 
 
 class CountingProxy:
@@ -96,11 +67,6 @@ def run_session(url: str, case: Case) -> int:
     return scans
 
 
-def spent(process: psutil.Process) -> float:
-    times: Any = process.cpu_times()
-    return float(times.user + times.system)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--registrars", type=int, default=2)
@@ -126,10 +92,10 @@ def main() -> None:
                 PRETOUCH_ORCHESTRATOR_REST_PORT=str(ports["rest"]),
             )
         )
-        before = [spent(process) for process in registrars]
+        before = [processor_seconds(process) for process in registrars]
         with ThreadPoolExecutor(2) as pool:
             scans = list(pool.map(lambda case: run_session(f"http://127.0.0.1:{ports['rest']}", case), cases))
-        seconds = np.array([spent(process) for process in registrars]) - before
+        seconds = np.array([processor_seconds(process) for process in registrars]) - before
     sent = [each.sent for each in proxies]
     figures = {
         "sessions": len(cases),

@@ -7,7 +7,6 @@ import os
 import secrets
 import shutil
 import signal
-import socket
 import subprocess
 import time
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from typing import Any, Self
 import httpx
 
 from benchmarks.fleet.parts import Fault
+from benchmarks.running_service import free_port
 
 _REPOSITORY = Path(__file__).parents[2]
 _PARTS = (
@@ -37,7 +37,7 @@ class ContainerFleet:
 
     def __init__(self) -> None:
         self.parts: Sequence[str] = _PARTS
-        self.rest_port, self.grpc_port = _free_port(), _free_port()
+        self.rest_port, self.grpc_port = free_port(), free_port()
         self.rest, self.grpc = f"http://127.0.0.1:{self.rest_port}", f"127.0.0.1:{self.grpc_port}"
         plugin = subprocess.run(["docker", "compose", "version"], capture_output=True, check=False).returncode == 0
         command = ("docker", "compose") if plugin else (shutil.which("docker-compose") or "docker-compose",)
@@ -145,8 +145,3 @@ def _run(*command: str, variables: dict[str, str]) -> str:
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(command)}: {done.stdout[-2000:]}{done.stderr[-2000:]}")
     return done.stdout
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])

@@ -28,6 +28,11 @@ class Postgres:
         """Where it listens."""
         return self._folder / ".s.PGSQL.5432"
 
+    @property
+    def pid(self) -> int:
+        """Its first process, whose children are the others."""
+        return self._process.pid
+
     def send(self, number: Signals) -> None:
         """Sends the signal to all of its processes."""
         with suppress(psutil.NoSuchProcess):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -16,6 +15,7 @@ from benchmarks.fleet.links import Flow, Link, Network
 from benchmarks.fleet.parts import Fault
 from benchmarks.fleet.postgres import Postgres
 from benchmarks.fleet.supervised import Supervised
+from benchmarks.running_service import free_port
 
 _READY_WITHIN = 300.0
 _SERVICE_FAULTS = tuple(Fault)
@@ -54,10 +54,10 @@ class ProcessFleet:
             self._network = self._stack.enter_context(Network())
             self._postgres = Postgres(self._folder / "postgres")
             self._stack.callback(self._postgres.close)
-            ports = {part: _free_port() for part in self.parts[1:]}
+            ports = {part: free_port() for part in self.parts[1:]}
             for part in (*self._names("registrar"), *self._names("detector")):
                 self._serve(part, {"PRETOUCH_PORT": str(ports[part])})
-            rest_ports = {part: _free_port() for part in self._names("orchestrator")}
+            rest_ports = {part: free_port() for part in self._names("orchestrator")}
             for part in self._names("orchestrator"):
                 own = {"REST_PORT": str(rest_ports[part]), "STORE": self._store_of(part)}
                 for kind in ("registrar", "detector"):
@@ -143,8 +143,3 @@ class ProcessFleet:
                 if time.monotonic() > end:
                     raise RuntimeError(f"The fleet is not ready: {said}; its logs are in {self._folder}.")
                 time.sleep(0.2)
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
