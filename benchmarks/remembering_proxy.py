@@ -16,7 +16,7 @@ import grpc
 _OPTIONS = [("grpc.max_receive_message_length", 64 << 20), ("grpc.max_send_message_length", 64 << 20)]
 
 
-class RememberingProxy(grpc.GenericRpcHandler):
+class RememberingProxy(grpc.GenericRpcHandler):  # type: ignore[misc]
     """All unary methods of the service behind `channel`; failures and health checks are not kept."""
 
     def __init__(self, channel: grpc.aio.Channel) -> None:

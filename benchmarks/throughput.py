@@ -135,7 +135,7 @@ def measure(fleet: Fleet, cases: Sequence[Case], robots: int, seconds: float) ->
 
     def run(number: int) -> None:
         with RestClient(fleet.urls[number % len(fleet.urls)], timeout=300.0) as client:
-            for case in itertools.cycle(cases[number % len(cases) :] + cases[: number % len(cases)]):
+            for case in itertools.cycle([*cases[number % len(cases) :], *cases[: number % len(cases)]]):
                 if time.monotonic() > end:
                     return
                 scans[number] += run_session(client, case, fingers, end)

@@ -8,8 +8,8 @@ import os
 import secrets
 import socket
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -102,11 +102,12 @@ async def up(stack: Stack, announce: Callable[[str], None], *, until_stdin_close
     configure_logs("up", outer.log_level)
     children: list[Child] = []
     try:
-        async with ended_by_signals(until_stdin_closes=until_stdin_closes):
-            async with asyncio.timeout(READY_WITHIN):
-                line = await _start(stack, children)
-            announce(line)
-            await asyncio.Event().wait()
+        with _reserved_port(outer.host, stack.rest_port) as rest_port:
+            async with ended_by_signals(until_stdin_closes=until_stdin_closes):
+                async with asyncio.timeout(READY_WITHIN):
+                    line = await _start(stack, rest_port, children)
+                announce(line)
+                await asyncio.Event().wait()
     except TimeoutError as error:
         raise DeadlineExceeded(
             f"The services were not ready after {READY_WITHIN:g} s.", "Try again with --log-level info and see why."
@@ -117,7 +118,7 @@ async def up(stack: Stack, announce: Callable[[str], None], *, until_stdin_close
             await last.stop()
 
 
-async def _start(stack: Stack, children: list[Child]) -> str:
+async def _start(stack: Stack, rest_port: int, children: list[Child]) -> str:
     """Starts the children, each as soon as what it needs is there; the ready line."""
     common = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
     common.setdefault("GRPC_VERBOSITY", "ERROR")  # gRPC's core logs every peer that leaves, in its own format
@@ -140,7 +141,6 @@ async def _start(stack: Stack, children: list[Child]) -> str:
     ]
     addresses = {child.name: f"127.0.0.1:{await child.wait_until_ready()}" for child in inner}
     outer = stack.settings
-    rest_port = stack.rest_port or _free_port(outer.host)
     own = {"REST_HOST": outer.host, "REST_PORT": str(rest_port), "STATE": str(stack.state)}
     own |= {name.upper(): address for name, address in addresses.items()}
     tls = {"CERT": outer.tls_cert, "KEY": outer.tls_key, "CLIENT_CA": outer.tls_client_ca}
@@ -170,14 +170,24 @@ def _reachable_address(host: str) -> str:
     return {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
 
 
-def _free_port(host: str) -> int:
-    try:
-        with socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET) as server:
-            return int(server.getsockname()[1])
-    except OSError as error:
-        raise InvalidInput(
-            f"{host} is no address of this machine: {error.strerror}.", "Give 127.0.0.1, or 0.0.0.0 for all."
-        ) from error
+@contextmanager
+def _reserved_port(host: str, port: int) -> Iterator[int]:
+    """`port`; for 0 a free one, which nobody is given while the block lasts.
+
+    It is bound and does not listen, so that only a server with SO_REUSEADDR, as the orchestrator's, can bind it too.
+    """
+    if port:
+        yield port
+        return
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as reservation:
+        reservation.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            reservation.bind((host, 0))
+        except OSError as error:
+            raise InvalidInput(
+                f"{host} is no address of this machine: {error.strerror}.", "Give 127.0.0.1, or 0.0.0.0 for all."
+            ) from error
+        yield int(reservation.getsockname()[1])
 
 
 def _forward(level: str) -> Callable[[bytes, dict[str, Any]], None]:
