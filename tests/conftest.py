@@ -16,6 +16,14 @@ settings.register_profile("untimed", deadline=None)  # how long an example takes
 settings.load_profile("untimed")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Where several processes share the tests, each file's run in one of them, and so do those of all containers."""
+    for item in items:
+        alone = item.path.parent.name == "compose"
+        item.add_marker(pytest.mark.xdist_group("containers" if alone else item.path.stem))
+
+
 @pytest.fixture
 def upstream() -> Iterator[FakeUpstream]:
     """Detector, registrar and gateway, fake and well."""
