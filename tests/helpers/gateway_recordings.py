@@ -49,7 +49,8 @@ def made_configuration(modules: int = MODULES) -> pb.DeviceConfiguration:
 
 
 def series_in(root: Path, limits: Limits | None = None, device: str = "left") -> RotatingFiles:
-    return RotatingFiles(root, device, limits or Limits(), structlog.get_logger())
+    """Files to which every write is committed at once."""
+    return RotatingFiles(root, device, limits or Limits(), structlog.get_logger(), commit_every=0.0)
 
 
 def files_in(root: Path, device: str = "left") -> list[Path]:

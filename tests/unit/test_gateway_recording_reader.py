@@ -119,7 +119,7 @@ class TestCheck:
         path.write_text("t,range\n0,1\n")
         assert_refused(path, "no MCAP file")
         path.write_bytes(b"")
-        assert_refused(path, "holds no ranges")
+        assert_refused(path, "cut off before its first batch")
         path.write_bytes(written([b""], schema_of(Channel.LOG), name="foxglove.Log"))
         assert_refused(path, "holds no ranges")
         path.write_bytes(written([b""], b"no descriptors"))

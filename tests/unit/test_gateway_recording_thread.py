@@ -156,7 +156,7 @@ def test_a_disk_that_hangs_for_good_does_not_keep_the_gateway_from_ending(
 def test_a_full_disk_is_retried_by_the_writers_clock(tmp_path: Path) -> None:
     now = 0.0
     (tmp_path / "left").write_text("in the way")
-    with RecordingWriter(tmp_path, LOG, clock=lambda: now) as writer:
+    with RecordingWriter(tmp_path, LOG, clock=lambda: now, commit_every=0.0) as writer:
         recorder = writer.create_recorder("left")
         recorder.start()
         recorder.record_batch(made_batch(0))

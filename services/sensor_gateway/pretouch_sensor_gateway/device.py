@@ -12,12 +12,16 @@ import numpy as np
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from pretouch.wire.common import pose_to_proto
+from pretouch.v1.recording_pb2 import RecordedTipPoses
+from pretouch.wire.common import pose_from_proto, pose_to_proto
 from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, Calibration
-from pretouch_sensor_gateway.calibration.proto_conversion import calibration_to_proto
+from pretouch_sensor_gateway.calibration.proto_conversion import calibration_from_proto, calibration_to_proto
 from pretouch_sensor_gateway.device_statistics import DeviceStatistics, ModuleStatistics
+from pretouch_sensor_gateway.fusion import FusedSamples
 from pretouch_sensor_gateway.history import History
+from pretouch_sensor_gateway.pose_path import PosePath
 from pretouch_sensor_gateway.range_batch import RangeBatch
+from pretouch_sensor_gateway.recording.queue_items import PointsItem, TipPosesItem
 from pretouch_sensor_gateway.recording.recorder import Recorder
 from pretouch_sensor_gateway.source import Source, SourceStatus
 from pretouch_sensor_gateway.subscription_queue import SubscriptionQueue
@@ -54,6 +58,7 @@ class Device:
         address: of its port or recording, as configured.
         source: where its batches come from. It calls `deliver`, and is set after construction, before `run`.
         history: its last minutes.
+        recorded_path: of the tip, from the recording that stands in for the device, if it does.
     """
 
     source: Source
@@ -69,6 +74,8 @@ class Device:
         self.name = name
         self.address = address
         self.history = History()
+        self.recorded_path = PosePath()
+        self._recorded_call: int | None = None
         self.tip_T_module = tuple(tip_T_module)
         self.calibration = calibration
         self.recorder = recorder
@@ -100,6 +107,41 @@ class Device:
             subscription.put(batch)
         if self.recorder is not None and self.recorder.on:
             self.recorder.record_batch(batch.message)
+
+    def configure_as_recorded(self, configuration: pb.DeviceConfiguration) -> None:
+        """Takes over the modules' poses and the calibration of a recording that stands in for the device.
+
+        Raises:
+            InvalidInput: an invalid pose or calibration; nothing is changed.
+        """
+        poses = [pose_from_proto(pose, f"tip_t_module[{k}]") for k, pose in enumerate(configuration.tip_t_module)]
+        calibration = (
+            calibration_from_proto(configuration.calibration) if configuration.HasField("calibration") else None
+        )
+        self.tip_T_module, self.calibration = tuple(poses) or self.tip_T_module, calibration
+        self._record_configuration()
+
+    def follow_recorded_tip(self, poses: RecordedTipPoses) -> None:
+        """Remembers tip poses of a recording that stands in for the device, as if a robot had sent them now.
+
+        Raises:
+            InvalidInput: an invalid pose, or one out of order.
+        """
+        if poses.call != self._recorded_call:
+            self._recorded_call, self.recorded_path = poses.call, PosePath()
+            self.history.add_path(self.recorded_path)
+        for tip in poses.tip_poses:
+            self.recorded_path.append(tip.t, pose_from_proto(tip.base_t_tip, "base_t_tip"))
+
+    def record_tip_poses(self, poses: RecordedTipPoses) -> None:
+        """Records tip poses, at least one, of which points will come, if the device is being recorded."""
+        if self.recorder is not None:
+            self.recorder.record_fusion(TipPosesItem(poses))
+
+    def record_points(self, fused: FusedSamples) -> None:
+        """Records samples that were fused with recorded tip poses."""
+        if self.recorder is not None and len(fused.samples):
+            self.recorder.record_fusion(PointsItem(fused))
 
     def record_event(self, text: str) -> None:
         """Records that something happened to the device, if it is being recorded."""

@@ -6,10 +6,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from pretouch.errors import InvalidInput
 from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.v1.recording_pb2 import RecordedTipPoses
 from pretouch_sensor_gateway.calibration.model import Calibration
+from pretouch_sensor_gateway.pose_path import PosePath
 from pretouch_sensor_gateway.range_batch import RangeBatch
-from pretouch_sensor_gateway.recording.player import Pace, PlaybackState, RecordingPlayer
+from pretouch_sensor_gateway.recording.player import Played, PlaybackState, RecordingPlayer
 from pretouch_sensor_gateway.source import ClockState, DeviceState, SourceStatus
 
 _STATES = {
@@ -21,11 +24,25 @@ _STATES = {
 
 
 class ReplaySource:
-    """A `Source` that plays a recording. Its ranges stay as they were recorded, whatever calibration is set."""
+    """A `Source` that plays a recording. Its ranges stay as they were recorded, whatever calibration is set.
 
-    def __init__(self, path: Path, deliver: Callable[[RangeBatch], None], pace: Pace = Pace.AS_RECORDED) -> None:
-        self._player = RecordingPlayer(path, self._play, pace)
+    Args:
+        deliver: gets each batch, on the event loop.
+        configure: gets each configuration, before the batches for which it holds.
+        follow: gets the tip poses that one StreamPoints call was sent.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        deliver: Callable[[RangeBatch], None],
+        configure: Callable[[pb.DeviceConfiguration], None],
+        follow: Callable[[RecordedTipPoses], None],
+    ) -> None:
+        self._player = RecordingPlayer(path, self._play)
         self._deliver = deliver
+        self._configure = configure
+        self._follow = follow
         self._last: RangeBatch | None = None
         self._measurements = self._lost = 0
 
@@ -50,9 +67,14 @@ class ReplaySource:
             clock=ClockState() if last is None else ClockState(synchronised=True, std=last.time_std),
         )
 
-    def _play(self, message: pb.RangeBatch) -> None:
-        batch = RangeBatch.from_message(message)
-        self._last = batch
-        self._measurements += len(batch)
-        self._lost += batch.lost
-        self._deliver(batch)
+    def _play(self, message: Played) -> None:
+        match message:
+            case pb.DeviceConfiguration():
+                self._configure(message)
+            case RecordedTipPoses():
+                self._follow(message)
+            case pb.RangeBatch():
+                self._last = batch = RangeBatch.from_message(message)
+                self._measurements += len(batch)
+                self._lost += batch.lost
+                self._deliver(batch)

@@ -14,6 +14,7 @@ from pretouch.v1.sensor_gateway_pb2_grpc import add_SensorGatewayServiceServicer
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting, load_configuration
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.metrics import DeviceCollector
+from pretouch_sensor_gateway.recording.validation import check_recording
 from pretouch_sensor_gateway.recording.writer import RecordingWriter
 from pretouch_sensor_gateway.replay_source import ReplaySource
 from pretouch_sensor_gateway.serial_source import SerialSource
@@ -65,7 +66,10 @@ def _create_device(setting: DeviceSetting, writer: RecordingWriter | None, conte
 
 def _create_source(setting: DeviceSetting, device: Device, context: ServiceContext) -> Source:
     if setting.recording is not None:
-        return ReplaySource(setting.recording, device.deliver)
+        device.configure_as_recorded(check_recording(setting.recording))
+        return ReplaySource(
+            setting.recording, device.deliver, device.configure_as_recorded, device.follow_recorded_tip
+        )
 
     log = context.log.bind(device=setting.name)
     parser = create_parser(setting.wire_format)

@@ -7,7 +7,9 @@ import struct
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.v1.recording_pb2 import RecordedTipPoses
 from pretouch.wire.common import pose_from_proto
+from pretouch_sensor_gateway.fusion import FusedSamples
 from pretouch_sensor_gateway.recording import foxglove
 from pretouch_sensor_gateway.recording.channels import Channel, Entry
 
@@ -50,8 +52,23 @@ class Encoder:
         """The present configuration, and the coordinate frames of its modules."""
         return [
             Entry(Channel.CONFIGURATION, time, self._configuration.SerializeToString()),
-            Entry(Channel.TRANSFORMS, time, foxglove.encode_transforms(self._device, self._tip_T_module, time)),
+            Entry(Channel.TRANSFORMS, time, foxglove.encode_modules(self._device, self._tip_T_module, time)),
         ]
+
+    def encode_tip_poses(self, poses: RecordedTipPoses) -> list[Entry]:
+        """The poses themselves, and the last of them as a coordinate frame, at its time."""
+        last = poses.tip_poses[-1]
+        time = self.nanoseconds(last.t)
+        tip = foxglove.encode_tip(self._device, pose_from_proto(last.base_t_tip, "base_t_tip"), time)
+        return [
+            Entry(Channel.TIP_POSES, time, poses.SerializeToString()),
+            Entry(Channel.TRANSFORMS, time, tip),
+        ]
+
+    def encode_points(self, fused: FusedSamples) -> Entry:
+        """A point cloud in base, at the time of its last sample."""
+        time = self.nanoseconds(float(fused.samples.t[-1]))
+        return Entry(Channel.BASE_POINTS, time, foxglove.encode_base_points(fused, time))
 
     def encode_event(self, text: str, time: int) -> Entry:
         """An event."""

@@ -42,7 +42,7 @@ def check_recording(path: Path) -> pb.DeviceConfiguration:
         ) from error
     except DecodeError as error:
         raise InvalidInput(f"The recording {path} is damaged.", "Give another recording.") from error
-    if RANGES in reader.schemas():
+    if not reader.complete:
         raise InvalidInput(f"The recording {path} was cut off before its first batch.", "Give another recording.")
     raise InvalidInput(
         f"{path} holds no ranges: none of its channels has the schema {RANGES}.", "Give a recording of the gateway."
