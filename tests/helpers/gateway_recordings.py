@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import structlog
+from foxglove_schemas_protobuf.Log_pb2 import Log
 from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.queue_items import BatchItem
 from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
@@ -64,6 +65,11 @@ def recorded_in(path: Path) -> list[Recorded]:
 def batches_in(path: Path) -> list[bytes]:
     """The recorded batches, serialised, in the order of the file."""
     return [message.data for message in RecordingReader(path) if message.schema == RANGES]
+
+
+def log_in(path: Path) -> list[str]:
+    """The recorded events."""
+    return [Log.FromString(one.data).message for one in RecordingReader(path) if one.schema == "foxglove.Log"]
 
 
 def sequence_in(path: Path) -> list[int]:

@@ -11,10 +11,10 @@ import pytest
 from helpers.gateway_recordings import T0, batches_in, files_in, made_batch, made_configuration, measured, series_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.channels import Channel, Entry
 from pretouch_sensor_gateway.recording.file import RecordingFile
-from pretouch_sensor_gateway.recording.player import LONGEST_GAP, Played, PlaybackState, RecordingPlayer
+from pretouch_sensor_gateway.recording.limits import Limits
+from pretouch_sensor_gateway.recording.player import LONGEST_GAP, PlaybackState, Played, RecordingPlayer
 from pretouch_sensor_gateway.recording.queue_items import BatchItem, ConfigurationItem, StopItem
 
 from pretouch.v1 import common_pb2

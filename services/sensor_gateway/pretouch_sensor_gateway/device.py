@@ -23,7 +23,7 @@ from pretouch_sensor_gateway.pose_path import PosePath
 from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.recording.queue_items import PointsItem, TipPosesItem
 from pretouch_sensor_gateway.recording.recorder import Recorder
-from pretouch_sensor_gateway.source import Source, SourceStatus
+from pretouch_sensor_gateway.source import DeviceState, Source, SourceStatus
 from pretouch_sensor_gateway.subscription_queue import SubscriptionQueue
 
 
@@ -58,7 +58,7 @@ class Device:
         address: of its port or recording, as configured.
         source: where its batches come from. It calls `deliver`, and is set after construction, before `run`.
         history: its last minutes.
-        recorded_path: of the tip, from the recording that stands in for the device, if it does.
+        recorded_path: of the tip, from the recording that stands in for the device; None for a device on a port.
     """
 
     source: Source
@@ -74,8 +74,9 @@ class Device:
         self.name = name
         self.address = address
         self.history = History()
-        self.recorded_path = PosePath()
-        self._recorded_call: int | None = None
+        self.recorded_path: PosePath | None = None
+        self._recorded_call = 0
+        self._calls = 0
         self.tip_T_module = tuple(tip_T_module)
         self.calibration = calibration
         self.recorder = recorder
@@ -85,8 +86,19 @@ class Device:
         self._record_configuration()
 
     async def run(self) -> None:
-        """Runs the source until cancelled."""
+        """Runs the source until cancelled, or until the recording ends."""
         await self.source.run()
+        self.wake_subscribers()
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more batches will come."""
+        return self.source.status().state is DeviceState.ENDED
+
+    def count_call(self) -> int:
+        """The number of a StreamPoints call that begins, by which a recording tells its tip poses from another's."""
+        self._calls += 1
+        return self._calls
 
     @contextmanager
     def subscribe(self) -> Iterator[SubscriptionQueue]:
@@ -127,7 +139,7 @@ class Device:
         Raises:
             InvalidInput: an invalid pose, or one out of order.
         """
-        if poses.call != self._recorded_call:
+        if self.recorded_path is None or poses.call != self._recorded_call:
             self._recorded_call, self.recorded_path = poses.call, PosePath()
             self.history.add_path(self.recorded_path)
         for tip in poses.tip_poses:

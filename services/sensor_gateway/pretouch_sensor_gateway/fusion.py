@@ -61,6 +61,10 @@ class Fusion:
         self._unposed = 0
         self._newest = -np.inf
 
+    def follow(self, path: PosePath) -> None:
+        """Takes poses from `path` from now on, for the measurements that wait, too."""
+        self._path = path
+
     def add(self, measurements: Measurements) -> None:
         """Adds measurements. If the number of modules changed, those that still wait are dropped.
 

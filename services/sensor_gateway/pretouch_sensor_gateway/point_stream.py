@@ -9,6 +9,7 @@ from contextlib import suppress
 
 from pretouch.errors import InvalidInput
 from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.v1.recording_pb2 import RecordedTipPoses
 from pretouch.wire.common import pose_from_proto
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.fusion import FusedSamples, Fusion
@@ -23,6 +24,8 @@ LINGER = 1.0
 
 class PointStream:
     """Fuses a device's measurements with the poses of one call.
+
+    A call that sends no pose to a recording in a device's place gets the recorded ones.
 
     Args:
         device: whose measurements.
@@ -41,9 +44,11 @@ class PointStream:
         self._device = device
         self._subscription = subscription
         self._path = PosePath()
+        self._recorded = False  # whether the poses are those of a recording
         self._fusion = Fusion(self._path, modules or device.tip_T_module, device.std_at)
         self._first = first
         self._requests = requests
+        self._call = device.count_call()
 
     async def fuse(self, draining: asyncio.Event) -> AsyncGenerator[tuple[FusedSamples, int, int], None]:
         """Fused samples, and how many measurements were lost and overrun, whenever there are any.
@@ -59,23 +64,37 @@ class PointStream:
         try:
             while not draining.is_set():
                 with suppress(TimeoutError):
-                    async with asyncio.timeout(self._time_left() if reader.done() else None):
+                    async with asyncio.timeout(self._time_left() if reader.done() and not self._recorded else None):
                         await changed.wait()
                 changed.clear()
+                ended = self._device.ended
                 if reader.done():
                     reader.result()
+                    self._follow_recording()
                 batches, overrun = self._subscription.take()
                 for batch in batches:
                     self._fusion.add(Measurements.from_batch(batch))
                 fused, lost = self._fusion.take(), sum(batch.lost for batch in batches)
                 if len(fused.samples) or fused.unposed or lost or overrun:
+                    self._device.record_points(fused)
                     yield fused, lost, overrun
-                if reader.done() and (self._fusion.complete or self._time_left() <= 0):
+                if reader.done() and (ended if self._recorded else self._is_over()):
                     return
         finally:
             reader.cancel()
             with suppress(asyncio.CancelledError, Exception):
                 await reader
+
+    def _follow_recording(self) -> None:
+        """Takes the recorded poses if there are any to take and none was sent; another call's are another path."""
+        path = self._device.recorded_path
+        if path is not None and (self._recorded or self._path.end is None):
+            self._recorded, self._path = True, path
+            self._fusion.follow(path)
+
+    def _is_over(self) -> bool:
+        """Whether no measurement that the poses enclose can follow."""
+        return self._fusion.complete or self._time_left() <= 0
 
     def _time_left(self) -> float:
         """Seconds until no measurement that the poses enclose can arrive any more."""
@@ -93,6 +112,11 @@ class PointStream:
             self._subscription.changed.set()
 
     def _add_poses(self, request: pb.StreamPointsRequest) -> None:
+        if request.tip_poses:
+            modules = self._first.tip_t_module
+            self._device.record_tip_poses(
+                RecordedTipPoses(call=self._call, tip_t_module=modules, tip_poses=request.tip_poses)
+            )
         for tip in request.tip_poses:
             now = self._device.now()
             if not (math.isfinite(tip.t) and abs(tip.t - now) <= SPAN):

@@ -14,7 +14,6 @@ from pretouch.v1.sensor_gateway_pb2_grpc import add_SensorGatewayServiceServicer
 from pretouch_sensor_gateway.configuration import DeviceSetting, GatewaySetting, load_configuration
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.metrics import DeviceCollector
-from pretouch_sensor_gateway.recording.validation import check_recording
 from pretouch_sensor_gateway.recording.writer import RecordingWriter
 from pretouch_sensor_gateway.replay_source import ReplaySource
 from pretouch_sensor_gateway.serial_source import SerialSource
@@ -66,10 +65,7 @@ def _create_device(setting: DeviceSetting, writer: RecordingWriter | None, conte
 
 def _create_source(setting: DeviceSetting, device: Device, context: ServiceContext) -> Source:
     if setting.recording is not None:
-        device.configure_as_recorded(check_recording(setting.recording))
-        return ReplaySource(
-            setting.recording, device.deliver, device.configure_as_recorded, device.follow_recorded_tip
-        )
+        return ReplaySource(setting.recording, device)
 
     log = context.log.bind(device=setting.name)
     parser = create_parser(setting.wire_format)

@@ -14,6 +14,8 @@ from pretouch_sensor_gateway.recording import foxglove
 from pretouch_sensor_gateway.recording.channels import Channel, Entry
 
 _DOUBLE = struct.Struct("<d")
+_CLOUD_EVERY = 90_000_000
+"""ns from one point cloud of the ranges to the next: ten a second are enough to look at, at whatever rate they come."""
 _LATEST = 2**64 // 10**9
 """The latest Unix time, s, that MCAP can hold, in the year 2554."""
 
@@ -26,17 +28,25 @@ class Encoder:
 
     def __init__(self, device: str) -> None:
         self._device = device
-        self._time = 0
+        self._time = self._drawn = 0
+        self._undrawn: list[pb.RangeBatch] = []
         self.set_configuration(pb.DeviceConfiguration())
 
     def encode_batch(self, batch: pb.RangeBatch) -> list[Entry]:
-        """The batch itself and a point cloud of it, at the time of its last measurement."""
+        """The batch itself at the time of its last measurement, and a point cloud, if it is time for one."""
         time = self.nanoseconds(_last_time(batch))
         entries = [Entry(Channel.RANGES, time, batch.SerializeToString())]
-        cloud = self._clouds.encode(batch, time)
-        if cloud is not None:
-            entries.append(Entry(Channel.POINTS, time, cloud))
+        self._undrawn.append(batch)
+        if abs(time - self._drawn) >= _CLOUD_EVERY:
+            entries += self.encode_cloud()
         return entries
+
+    def encode_cloud(self) -> list[Entry]:
+        """A point cloud of the batches since the one before, if there are any."""
+        undrawn, self._undrawn, self._drawn = self._undrawn, [], self._time
+        if not undrawn:
+            return []
+        return [Entry(Channel.POINTS, self._time, self._clouds.encode(undrawn, self._time))]
 
     def set_configuration(self, configuration: pb.DeviceConfiguration) -> None:
         """Computes point clouds by `configuration` from now on; without poses there is one module, at the tip."""

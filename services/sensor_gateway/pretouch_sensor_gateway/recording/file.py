@@ -80,7 +80,7 @@ class RecordingFile:
         """
         self._chunks += 1 + self._added // _DEFAULT_CHUNK
         self._added = 0
-        self._writer.flush()
+        self._writer.flush()  # type: ignore[no-untyped-call]
         self._write()
 
     def finish(self) -> None:

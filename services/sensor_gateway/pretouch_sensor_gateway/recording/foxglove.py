@@ -45,16 +45,19 @@ class PointClouds:
         self._origins, self._directions = matrices[:, :3, 3], matrices[:, :3, 2]
         self._layout = _layout(_tip_frame(device), _POINT)
 
-    def encode(self, batch: pb.RangeBatch, time: int) -> bytes | None:
-        """A serialised PointCloud of every range of the batch, those with a bad status too.
+    def encode(self, batches: Sequence[pb.RangeBatch], time: int) -> bytes:
+        """A serialised PointCloud of every range of the batches, those with a bad status too.
 
-        None for an inconsistent batch. A batch of misses gives an empty cloud, so that the previous one disappears.
+        Inconsistent batches are left out. Misses alone give an empty cloud, so that the previous one disappears.
         """
+        return _cloud(self._layout, np.concatenate([self._points(batch) for batch in batches]), time)
+
+    def _points(self, batch: pb.RangeBatch) -> NDArray[np.void]:
         shape = tuple(batch.range.shape)
         count = math.prod(shape)
         arrays = batch.range.data, batch.status.data, batch.flags.data
         if len(shape) != 2 or [*map(len, arrays)] != [8 * count, count, count]:
-            return None
+            return np.empty(0, _POINT)
         ranges, status, flags = (
             np.frombuffer(data, kind).reshape(shape)[:, : len(self._origins)]
             for data, kind in zip(arrays, ("<f8", "u1", "u1"), strict=True)
@@ -66,7 +69,7 @@ class PointClouds:
             points["x"], points["y"], points["z"] = positions.T.swapaxes(1, 2)
         points["module"] = np.arange(modules)
         points["status"], points["flags"] = status, flags
-        return _cloud(self._layout, points[np.isfinite(ranges)], time)
+        return np.asarray(points[np.isfinite(ranges)])
 
 
 def encode_base_points(fused: FusedSamples, time: int) -> bytes:

@@ -117,6 +117,7 @@ class RotatingFiles:
                     self._file.add(entry)
                 self._uncommitted += item.measurements
             case ConfigurationItem():
+                self._add(self._encoder.encode_cloud())
                 self._encoder.set_configuration(item.configuration)
                 if self._file:
                     self._add(self._encoder.encode_configuration(self._encoder.nanoseconds(item.at)))
@@ -132,6 +133,7 @@ class RotatingFiles:
                 if not self._add([event]):
                     self._events.append(event)
             case StopItem():
+                self._add(self._encoder.encode_cloud())
                 self._finish_file()
                 self._started = False
                 self._poses.clear()
@@ -139,7 +141,8 @@ class RotatingFiles:
 
     def _add(self, entries: Sequence[Entry]) -> bool:
         """Adds entries to the open file; False if there is none."""
-        self._end_full_file(entries)
+        if entries:
+            self._end_full_file(entries)
         if self._file is None:
             return False
         for entry in entries:
