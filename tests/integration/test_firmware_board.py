@@ -1,4 +1,4 @@
-"""The fingertip's firmware with six simulated VL6180X: compiled for this machine, and as the AVR's own machine code."""
+"""The fingertip's firmware with six simulated VL6180X: on this machine, as an Arduino sketch, and as AVRs' code."""
 
 from __future__ import annotations
 
@@ -21,13 +21,17 @@ BACK_MS = 1200  # a lost module is tried once a second
 Command = tuple[str | Path, ...]
 
 
-@pytest.fixture(scope="module", params=["native", "atmega328p"])
+@pytest.fixture(scope="module", params=["native", "arduino", "atmega328p"])
 def command(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Command:
     build = tmp_path_factory.mktemp("firmware")
     if request.param == "native":
         need("make", "cc")
         make("host", build, **sanitizers(build))
         return build / "finger-host", "--console"
+    if request.param == "arduino":
+        need("make", "cc", "c++")
+        make("arduino", build, **sanitizers(build))
+        return build / "finger-arduino", "--console"
     need("make", "cc", "avr-gcc", "simavr")
     if not Path("/usr/include/simavr/sim_avr.h").exists():
         pytest.skip("simavr's headers are not installed (Debian: libsimavr-dev)")
