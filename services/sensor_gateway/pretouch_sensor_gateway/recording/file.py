@@ -78,6 +78,8 @@ class RecordingFile:
         Raises:
             OSError: not all could be written; the file is truncated to where it ended before.
         """
+        if not self._added:
+            return
         self._chunks += 1 + self._added // _DEFAULT_CHUNK
         self._added = 0
         self._writer.flush()  # type: ignore[no-untyped-call]
