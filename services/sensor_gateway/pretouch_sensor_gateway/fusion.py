@@ -51,12 +51,16 @@ class Fusion:
     Args:
         tip_T_module: pose of each module in the tip's coordinate frame.
         std_at: the noise of the device's ranges.
+
+    Attributes:
+        pose_time_std: one standard deviation of the poses' times, s, common to all.
     """
 
     def __init__(self, path: PosePath, tip_T_module: Sequence[Pose], std_at: StdAt) -> None:
         self._path = path
         self._tip_T_module = np.stack([pose.matrix for pose in tip_T_module])
         self._std_at = std_at
+        self.pose_time_std = 0.0
         self._waiting = Measurements.empty()
         self._unposed = 0
         self._newest = -np.inf
@@ -103,7 +107,7 @@ class Fusion:
         origins, directions = base_T_module[:, :3, 3], base_T_module[:, :3, 2]
         ranges = np.where(samples.status == STATUS_OK, samples.range, np.nan)
         noise = self._std_at(measurements.range).ravel()
-        time_std = np.repeat(measurements.time_std, measurements.modules)
+        time_std = np.repeat(np.hypot(measurements.time_std, self.pose_time_std), measurements.modules)
         moved = _speed(measurements, ranges, modules, self._path) * time_std
         return FusedSamples(
             samples=samples,

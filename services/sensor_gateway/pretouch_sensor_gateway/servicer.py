@@ -69,8 +69,8 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
             await context.send_initial_metadata(())
             stream = PointStream(device, subscription, first, requests)
             async with aclosing(stream.fuse(self._context.draining)) as responses:
-                async for fused, lost, overrun in responses:
-                    yield points_to_proto(fused, lost, overrun)
+                async for batch in responses:
+                    yield points_to_proto(batch)
             if self._context.draining.is_set():
                 raise _explain_shutdown()
 
