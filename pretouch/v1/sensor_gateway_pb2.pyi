@@ -56,6 +56,62 @@ DEVICE_STATE_ENDED: DeviceState.ValueType  # 4
 """A recording was replayed to its end."""
 Global___DeviceState: _TypeAlias = DeviceState  # noqa: Y015
 
+class _RangeStatus:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RangeStatusEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RangeStatus.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    RANGE_STATUS_UNSPECIFIED: _RangeStatus.ValueType  # 0
+    RANGE_STATUS_GOOD: _RangeStatus.ValueType  # 1
+    """There is a range."""
+    RANGE_STATUS_NO_TARGET: _RangeStatus.ValueType  # 2
+    """Nothing was met within the sensor's reach."""
+    RANGE_STATUS_REJECTED: _RangeStatus.ValueType  # 3
+    """The sensor doubts what it measured: noise, a weak signal, a range that it cannot tell from another."""
+    RANGE_STATUS_FAILED: _RangeStatus.ValueType  # 4
+    """The sensor failed."""
+    RANGE_STATUS_NO_ANSWER: _RangeStatus.ValueType  # 5
+    """The module does not answer its board."""
+
+class RangeStatus(_RangeStatus, metaclass=_RangeStatusEnumTypeWrapper):
+    """What became of a measurement, whatever the sensor: its own status code is beside it."""
+
+RANGE_STATUS_UNSPECIFIED: RangeStatus.ValueType  # 0
+RANGE_STATUS_GOOD: RangeStatus.ValueType  # 1
+"""There is a range."""
+RANGE_STATUS_NO_TARGET: RangeStatus.ValueType  # 2
+"""Nothing was met within the sensor's reach."""
+RANGE_STATUS_REJECTED: RangeStatus.ValueType  # 3
+"""The sensor doubts what it measured: noise, a weak signal, a range that it cannot tell from another."""
+RANGE_STATUS_FAILED: RangeStatus.ValueType  # 4
+"""The sensor failed."""
+RANGE_STATUS_NO_ANSWER: RangeStatus.ValueType  # 5
+"""The module does not answer its board."""
+Global___RangeStatus: _TypeAlias = RangeStatus  # noqa: Y015
+
+class _RangeFlag:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RangeFlagEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RangeFlag.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    RANGE_FLAG_UNSPECIFIED: _RangeFlag.ValueType  # 0
+    RANGE_FLAG_JUMP: _RangeFlag.ValueType  # 1
+    """It lies far from the module's last range, and no later one confirms it."""
+    RANGE_FLAG_WARMING_UP: _RangeFlag.ValueType  # 2
+    """The device started so recently that its calibration does not hold yet."""
+
+class RangeFlag(_RangeFlag, metaclass=_RangeFlagEnumTypeWrapper):
+    """What is doubtful about a range although its status is good. `flags` hold sums of these."""
+
+RANGE_FLAG_UNSPECIFIED: RangeFlag.ValueType  # 0
+RANGE_FLAG_JUMP: RangeFlag.ValueType  # 1
+"""It lies far from the module's last range, and no later one confirms it."""
+RANGE_FLAG_WARMING_UP: RangeFlag.ValueType  # 2
+"""The device started so recently that its calibration does not hold yet."""
+Global___RangeFlag: _TypeAlias = RangeFlag  # noqa: Y015
+
 @_typing.final
 class ListDevicesRequest(_message.Message):
     """No parameters."""
@@ -216,16 +272,19 @@ class ModuleStatus(_message.Message):
     MEASUREMENTS_FIELD_NUMBER: _builtins.int
     RETURNS_FIELD_NUMBER: _builtins.int
     JUMPS_FIELD_NUMBER: _builtins.int
+    RANGE_STATUS_FIELD_NUMBER: _builtins.int
     range: _builtins.float
     """Last range along the module's beam, in metres, calibrated; NaN: none."""
     status: _builtins.int
-    """Last status code; 0 is good."""
+    """The sensor's own last status code; 0 is good."""
     measurements: _builtins.int
     """Number of measurements of the module."""
     returns: _builtins.int
     """Number of those with a range."""
     jumps: _builtins.int
     """Number of those whose range was flagged as a jump."""
+    range_status: Global___RangeStatus.ValueType
+    """What the last status code means."""
     def __init__(
         self,
         *,
@@ -234,10 +293,11 @@ class ModuleStatus(_message.Message):
         measurements: _builtins.int = ...,
         returns: _builtins.int = ...,
         jumps: _builtins.int = ...,
+        range_status: Global___RangeStatus.ValueType = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["jumps", b"jumps", "measurements", b"measurements", "range", b"range", "returns", b"returns", "status", b"status"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["jumps", b"jumps", "measurements", b"measurements", "range", b"range", "range_status", b"range_status", "returns", b"returns", "status", b"status"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -651,6 +711,7 @@ class RangeBatch(_message.Message):
     STATUS_FIELD_NUMBER: _builtins.int
     FLAGS_FIELD_NUMBER: _builtins.int
     LOST_FIELD_NUMBER: _builtins.int
+    RANGE_STATUS_FIELD_NUMBER: _builtins.int
     time_std: _builtins.float
     """Standard deviation of these times, in seconds; the error is common to all measurements of the batch."""
     epoch: _builtins.int
@@ -677,11 +738,15 @@ class RangeBatch(_message.Message):
 
     @_builtins.property
     def status(self) -> _common_pb2.Array:
-        """f x k, UINT8: the modules' status codes; 0 is good."""
+        """f x k, UINT8: the sensors' own status codes; 0 is good. `range_status` says what they mean."""
 
     @_builtins.property
     def flags(self) -> _common_pb2.Array:
-        """f x k, UINT8: sum of 1 (the range jumped, and no later range confirms it) and 2 (the module is warming up)."""
+        """f x k, UINT8: sums of RangeFlag."""
+
+    @_builtins.property
+    def range_status(self) -> _common_pb2.Array:
+        """f x k, UINT8: numbers of RangeStatus."""
 
     def __init__(
         self,
@@ -695,10 +760,11 @@ class RangeBatch(_message.Message):
         status: _common_pb2.Array | None = ...,
         flags: _common_pb2.Array | None = ...,
         lost: _builtins.int = ...,
+        range_status: _common_pb2.Array | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

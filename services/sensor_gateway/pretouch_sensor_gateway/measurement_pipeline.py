@@ -260,7 +260,8 @@ class MeasurementPipeline:
                 self._uncalibrated_modules = modules
                 continue
             times = [self._clock_sync.timestamp(one, self._parser.two_way) for one in tracked]
-            batch = self._batch_builder.build(tracked, times, self.epoch, at - self._session_start, self._unreported)
+            age = at - self._session_start
+            batch = self._batch_builder.build(tracked, times, self.epoch, age, self._unreported, self._parser.name)
             self._unreported = self._uncalibrated_modules = 0
             self.measurements += len(batch)
             yield batch

@@ -77,6 +77,7 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
                 measurements=module.measurements,
                 returns=module.returns,
                 jumps=module.jumps,
+                range_status=pb.RangeStatus.ValueType(module.range_status),
             )
             for module in status.modules
         ],
