@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import re
 import sys
 import time
@@ -10,18 +11,29 @@ from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
+from pretouch_orchestrator.rest.app import create_rest_app
+from pretouch_orchestrator.upstream.addresses import Addresses
+from pretouch_orchestrator.upstream.clients import GatewayClient as GatewayClientOfSessions
+from pretouch_orchestrator.upstream.connection import UpstreamConnection
+from pretouch_orchestrator.upstream.copies import Copies
+from pretouch_orchestrator.upstream.devices import Devices
 from pretouch_sensor_gateway.configuration import VARIABLE
 from pretouch_sensor_gateway.service import running
 from pretouch_simulation.finger_link import FingerProcess
 
+from pretouch.channel import open_channel
 from pretouch.client import AsyncGatewayClient, GatewayClient, Points
 from pretouch.errors import Conflict, InvalidInput, NotFound
 from pretouch.geometry import Pose
-from pretouch.serving import Settings, started
+from pretouch.serving import ServiceContext, Settings, started
+from pretouch.session import GatewaySpan
 from pretouch.trajectory import Trajectory
 from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
+from pretouch.wire.json_objects import pose_to_json
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = "docs/how-to/read-a-finger.md"
@@ -144,3 +156,43 @@ async def test_the_guides_examples_run(address: str) -> None:
     assert len(re.findall(r"^0\.4000 -?0\.0000 -?0\.000\d m, ", points, re.MULTILINE)) > 50
     assert int(re.findall(r"(\d+) samples", points)[0]) > 50
     assert sum(map(int, re.findall(r"(\d+) points", raw))) > 30
+
+
+async def test_a_robot_without_grpc_sends_its_poses_over_rest(address: str) -> None:
+    def connect(where: str) -> UpstreamConnection:
+        channel = open_channel(where)
+        return UpstreamConnection("sensor gateway", where, channel, SensorGatewayServiceStub(channel))
+
+    async def lines() -> AsyncIterator[bytes]:
+        pose = pose_to_json(DOWN)
+        for _ in range(60):
+            yield json.dumps({"t": robot_time(), "base_T_tip": pose}).encode() + b"\n"
+            await asyncio.sleep(0.02)
+
+    gateway = Copies("sensor gateway", Addresses((address,)), connect)
+    context = ServiceContext("orchestrator", Settings())
+    app = create_rest_app(None, context, None, devices=Devices(gateway))  # type: ignore[arg-type]
+    transport = httpx.ASGITransport(app)
+    async with gateway.opened(), httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+        asked = robot_time()
+        now = (await client.get("/v1/devices/finger")).json()["now"]
+        offset = (asked + robot_time()) / 2 - now
+        start = robot_time() - offset
+        answer = await client.post(
+            "/v1/devices/finger/poses",
+            params={"clock_offset": offset},
+            headers={"Content-Type": "application/x-ndjson"},
+            content=lines(),
+        )
+        report = answer.json()
+        assert (answer.status_code, report["poses"], report["out_of_order"]) == (200, 60, 0), report
+        samples = await GatewayClientOfSessions(gateway).get_samples(
+            GatewaySpan("finger", start, robot_time() - offset)
+        )
+        assert len(samples) == report["samples"] > 50
+        refused = await client.post(
+            "/v1/devices/finger/poses", headers={"Content-Type": "application/x-ndjson"}, content=lines()
+        )
+        assert (refused.status_code, "600 s" in refused.json()["detail"]) == (422, True)
+        assert "clock_offset" in refused.json()["remedy"]
+    context.close()

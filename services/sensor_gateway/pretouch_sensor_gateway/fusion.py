@@ -74,7 +74,7 @@ class Fusion:
         if measurements.modules > len(self._tip_T_module):
             raise InvalidInput(
                 f"The device has {measurements.modules} modules; tip_t_module describes {len(self._tip_T_module)}.",
-                "Send the pose of each module in the first message, or configure them in the gateway.",
+                "Send the pose of each module in the first message of StreamPoints, or call Configure once.",
             )
         if measurements.modules == self._waiting.modules:
             measurements = Measurements.concatenate([self._waiting, measurements])
