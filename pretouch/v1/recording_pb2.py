@@ -26,13 +26,13 @@ from pretouch.v1 import common_pb2 as pretouch_dot_v1_dot_common__pb2
 from pretouch.v1 import sensor_gateway_pb2 as pretouch_dot_v1_dot_sensor__gateway__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bpretouch/v1/recording.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\x1a pretouch/v1/sensor_gateway.proto\"r\n\x10RecordedTipPoses\x12\x0c\n\x04\x63\x61ll\x18\x01 \x01(\r\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\'\n\ttip_poses\x18\x03 \x03(\x0b\x32\x14.pretouch.v1.TipPoseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bpretouch/v1/recording.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\x1a pretouch/v1/sensor_gateway.proto\"\x84\x01\n\x10RecordedTipPoses\x12\x0c\n\x04\x63\x61ll\x18\x01 \x01(\r\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\x10\n\x08time_std\x18\x04 \x01(\x01\x12\'\n\ttip_poses\x18\x03 \x03(\x0b\x32\x14.pretouch.v1.TipPoseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'pretouch.v1.recording_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_RECORDEDTIPPOSES']._serialized_start=104
-  _globals['_RECORDEDTIPPOSES']._serialized_end=218
+  _globals['_RECORDEDTIPPOSES']._serialized_start=105
+  _globals['_RECORDEDTIPPOSES']._serialized_end=237
 # @@protoc_insertion_point(module_scope)

@@ -28,9 +28,12 @@ class RecordedTipPoses(_message.Message):
 
     CALL_FIELD_NUMBER: _builtins.int
     TIP_T_MODULE_FIELD_NUMBER: _builtins.int
+    TIME_STD_FIELD_NUMBER: _builtins.int
     TIP_POSES_FIELD_NUMBER: _builtins.int
     call: _builtins.int
     """Number of the call, counted since the gateway started."""
+    time_std: _builtins.float
+    """Standard deviation of the poses' times, in seconds; the error is common to all."""
     @_builtins.property
     def tip_t_module(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Pose]:
         """Pose of each module in the tip frame as the call gave it, z along its beam; empty: as the device is configured."""
@@ -44,11 +47,12 @@ class RecordedTipPoses(_message.Message):
         *,
         call: _builtins.int = ...,
         tip_t_module: _abc.Iterable[_common_pb2.Pose] | None = ...,
+        time_std: _builtins.float = ...,
         tip_poses: _abc.Iterable[_sensor_gateway_pb2.TipPose] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["call", b"call", "tip_poses", b"tip_poses", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["call", b"call", "time_std", b"time_std", "tip_poses", b"tip_poses", "tip_t_module", b"tip_t_module"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

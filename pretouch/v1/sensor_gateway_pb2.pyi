@@ -56,6 +56,62 @@ DEVICE_STATE_ENDED: DeviceState.ValueType  # 4
 """A recording was replayed to its end."""
 Global___DeviceState: _TypeAlias = DeviceState  # noqa: Y015
 
+class _RangeStatus:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RangeStatusEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RangeStatus.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    RANGE_STATUS_UNSPECIFIED: _RangeStatus.ValueType  # 0
+    RANGE_STATUS_GOOD: _RangeStatus.ValueType  # 1
+    """There is a range."""
+    RANGE_STATUS_NO_TARGET: _RangeStatus.ValueType  # 2
+    """Nothing was met within the sensor's reach."""
+    RANGE_STATUS_REJECTED: _RangeStatus.ValueType  # 3
+    """The sensor doubts what it measured: noise, a weak signal, a range that it cannot tell from another."""
+    RANGE_STATUS_FAILED: _RangeStatus.ValueType  # 4
+    """The sensor failed."""
+    RANGE_STATUS_NO_ANSWER: _RangeStatus.ValueType  # 5
+    """The module does not answer its board."""
+
+class RangeStatus(_RangeStatus, metaclass=_RangeStatusEnumTypeWrapper):
+    """What became of a measurement, whatever the sensor: its own status code is beside it."""
+
+RANGE_STATUS_UNSPECIFIED: RangeStatus.ValueType  # 0
+RANGE_STATUS_GOOD: RangeStatus.ValueType  # 1
+"""There is a range."""
+RANGE_STATUS_NO_TARGET: RangeStatus.ValueType  # 2
+"""Nothing was met within the sensor's reach."""
+RANGE_STATUS_REJECTED: RangeStatus.ValueType  # 3
+"""The sensor doubts what it measured: noise, a weak signal, a range that it cannot tell from another."""
+RANGE_STATUS_FAILED: RangeStatus.ValueType  # 4
+"""The sensor failed."""
+RANGE_STATUS_NO_ANSWER: RangeStatus.ValueType  # 5
+"""The module does not answer its board."""
+Global___RangeStatus: _TypeAlias = RangeStatus  # noqa: Y015
+
+class _RangeFlag:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RangeFlagEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RangeFlag.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    RANGE_FLAG_UNSPECIFIED: _RangeFlag.ValueType  # 0
+    RANGE_FLAG_JUMP: _RangeFlag.ValueType  # 1
+    """It lies far from the module's last range, and no later one confirms it."""
+    RANGE_FLAG_WARMING_UP: _RangeFlag.ValueType  # 2
+    """The device started so recently that its calibration does not hold yet."""
+
+class RangeFlag(_RangeFlag, metaclass=_RangeFlagEnumTypeWrapper):
+    """What is doubtful about a range although its status is good. `flags` hold sums of these."""
+
+RANGE_FLAG_UNSPECIFIED: RangeFlag.ValueType  # 0
+RANGE_FLAG_JUMP: RangeFlag.ValueType  # 1
+"""It lies far from the module's last range, and no later one confirms it."""
+RANGE_FLAG_WARMING_UP: RangeFlag.ValueType  # 2
+"""The device started so recently that its calibration does not hold yet."""
+Global___RangeFlag: _TypeAlias = RangeFlag  # noqa: Y015
+
 @_typing.final
 class ListDevicesRequest(_message.Message):
     """No parameters."""
@@ -175,6 +231,7 @@ class ClockStatus(_message.Message):
     DRIFT_FIELD_NUMBER: _builtins.int
     STD_FIELD_NUMBER: _builtins.int
     ROUND_TRIP_FIELD_NUMBER: _builtins.int
+    LATENCY_FIELD_NUMBER: _builtins.int
     synchronised: _builtins.bool
     """Whether the device's clock is synchronised; until then no measurement is passed on."""
     drift: _builtins.float
@@ -183,6 +240,10 @@ class ClockStatus(_message.Message):
     """Standard deviation of a measurement's time, in seconds."""
     round_trip: _builtins.float
     """Shortest round trip of the recent pings, in seconds; 0 for a device that answers none."""
+    latency: _builtins.float
+    """Time from a measurement to the time in its frame or to the begin of its line, in seconds, that its time allows for:
+    as configured; left out there, it is half a period for lines of text and 0 for a device that answers pings.
+    """
     def __init__(
         self,
         *,
@@ -190,10 +251,11 @@ class ClockStatus(_message.Message):
         drift: _builtins.float = ...,
         std: _builtins.float = ...,
         round_trip: _builtins.float = ...,
+        latency: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift", "round_trip", b"round_trip", "std", b"std", "synchronised", b"synchronised"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift", "latency", b"latency", "round_trip", b"round_trip", "std", b"std", "synchronised", b"synchronised"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -210,16 +272,19 @@ class ModuleStatus(_message.Message):
     MEASUREMENTS_FIELD_NUMBER: _builtins.int
     RETURNS_FIELD_NUMBER: _builtins.int
     JUMPS_FIELD_NUMBER: _builtins.int
+    RANGE_STATUS_FIELD_NUMBER: _builtins.int
     range: _builtins.float
     """Last range along the module's beam, in metres, calibrated; NaN: none."""
     status: _builtins.int
-    """Last status code; 0 is good."""
+    """The sensor's own last status code; 0 is good."""
     measurements: _builtins.int
     """Number of measurements of the module."""
     returns: _builtins.int
     """Number of those with a range."""
     jumps: _builtins.int
     """Number of those whose range was flagged as a jump."""
+    range_status: Global___RangeStatus.ValueType
+    """What the last status code means."""
     def __init__(
         self,
         *,
@@ -228,10 +293,11 @@ class ModuleStatus(_message.Message):
         measurements: _builtins.int = ...,
         returns: _builtins.int = ...,
         jumps: _builtins.int = ...,
+        range_status: Global___RangeStatus.ValueType = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["jumps", b"jumps", "measurements", b"measurements", "range", b"range", "returns", b"returns", "status", b"status"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["jumps", b"jumps", "measurements", b"measurements", "range", b"range", "range_status", b"range_status", "returns", b"returns", "status", b"status"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -358,6 +424,7 @@ class GetStatusResponse(_message.Message):
     OVERRUN_FIELD_NUMBER: _builtins.int
     HOST_CLOCK_JUMPS_FIELD_NUMBER: _builtins.int
     CONFIGURATION_FIELD_NUMBER: _builtins.int
+    NOW_FIELD_NUMBER: _builtins.int
     format: _builtins.str
     """Name of the wire format; empty while it is not recognised."""
     epoch: _builtins.int
@@ -374,6 +441,10 @@ class GetStatusResponse(_message.Message):
     """Number of measurements that slow subscribers lost, all subscribers together."""
     host_clock_jumps: _builtins.int
     """Number of jumps of the host's clock that were seen."""
+    now: _builtins.float
+    """The present by the clock of the gateway's host, in seconds since the Unix epoch; of a recording: the time of the last
+    measurement that was replayed.
+    """
     @_builtins.property
     def device(self) -> Global___Device:
         """The device as in ListDevices."""
@@ -420,10 +491,11 @@ class GetStatusResponse(_message.Message):
         overrun: _builtins.int = ...,
         host_clock_jumps: _builtins.int = ...,
         configuration: Global___DeviceConfiguration | None = ...,
+        now: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "overrun", b"overrun", "rate", b"rate", "recording", b"recording", "refused", b"refused", "subscribers", b"subscribers", "untimed", b"untimed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "now", b"now", "overrun", b"overrun", "rate", b"rate", "recording", b"recording", "refused", b"refused", "subscribers", b"subscribers", "untimed", b"untimed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -639,6 +711,7 @@ class RangeBatch(_message.Message):
     STATUS_FIELD_NUMBER: _builtins.int
     FLAGS_FIELD_NUMBER: _builtins.int
     LOST_FIELD_NUMBER: _builtins.int
+    RANGE_STATUS_FIELD_NUMBER: _builtins.int
     time_std: _builtins.float
     """Standard deviation of these times, in seconds; the error is common to all measurements of the batch."""
     epoch: _builtins.int
@@ -665,11 +738,15 @@ class RangeBatch(_message.Message):
 
     @_builtins.property
     def status(self) -> _common_pb2.Array:
-        """f x k, UINT8: the modules' status codes; 0 is good."""
+        """f x k, UINT8: the sensors' own status codes; 0 is good. `range_status` says what they mean."""
 
     @_builtins.property
     def flags(self) -> _common_pb2.Array:
-        """f x k, UINT8: sum of 1 (the range jumped, and no later range confirms it) and 2 (the module is warming up)."""
+        """f x k, UINT8: sums of RangeFlag."""
+
+    @_builtins.property
+    def range_status(self) -> _common_pb2.Array:
+        """f x k, UINT8: numbers of RangeStatus."""
 
     def __init__(
         self,
@@ -683,10 +760,11 @@ class RangeBatch(_message.Message):
         status: _common_pb2.Array | None = ...,
         flags: _common_pb2.Array | None = ...,
         lost: _builtins.int = ...,
+        range_status: _common_pb2.Array | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -729,7 +807,9 @@ class TipPose(_message.Message):
     T_FIELD_NUMBER: _builtins.int
     BASE_T_TIP_FIELD_NUMBER: _builtins.int
     t: _builtins.float
-    """Time in seconds since the Unix epoch on the clock of the gateway's host."""
+    """Time in seconds since the Unix epoch on the clock of the gateway's host; with clock_offset or robot_clock: on the
+    robot's clock.
+    """
     @_builtins.property
     def base_t_tip(self) -> _common_pb2.Pose:
         """Pose of the tip in base, z along the beam."""
@@ -749,6 +829,36 @@ class TipPose(_message.Message):
 Global___TipPose: _TypeAlias = TipPose  # noqa: Y015
 
 @_typing.final
+class RobotClock(_message.Message):
+    """The robot's clock, whatever it counts from, beside the gateway's: the gateway estimates how they differ."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NOW_FIELD_NUMBER: _builtins.int
+    GATEWAY_NOW_FIELD_NUMBER: _builtins.int
+    RECEIVED_FIELD_NUMBER: _builtins.int
+    now: _builtins.float
+    """The robot's clock as it sends this message, in seconds."""
+    gateway_now: _builtins.float
+    """`now` of the last response that the robot has received, in seconds since the Unix epoch; 0: none yet."""
+    received: _builtins.float
+    """The robot's clock as it received that response, in seconds."""
+    def __init__(
+        self,
+        *,
+        now: _builtins.float = ...,
+        gateway_now: _builtins.float = ...,
+        received: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["gateway_now", b"gateway_now", "now", b"now", "received", b"received"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RobotClock: _TypeAlias = RobotClock  # noqa: Y015
+
+@_typing.final
 class StreamPointsRequest(_message.Message):
     """Tip poses of one device."""
 
@@ -757,15 +867,27 @@ class StreamPointsRequest(_message.Message):
     DEVICE_FIELD_NUMBER: _builtins.int
     TIP_T_MODULE_FIELD_NUMBER: _builtins.int
     TIP_POSES_FIELD_NUMBER: _builtins.int
+    CLOCK_OFFSET_FIELD_NUMBER: _builtins.int
+    ROBOT_CLOCK_FIELD_NUMBER: _builtins.int
     device: _builtins.str
     """In the first message: name of the device; empty: the only one."""
+    clock_offset: _builtins.float
+    """In the first message: the robot's clock minus that of the gateway's host, in seconds; left out: 0, or as estimated
+    from robot_clock.
+    """
     @_builtins.property
     def tip_t_module(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Pose]:
         """In the first message: pose of each module in the tip frame, z along its beam; empty: as the gateway is configured."""
 
     @_builtins.property
     def tip_poses(self) -> _containers.RepeatedCompositeFieldContainer[Global___TipPose]:
-        """Poses of the tip in base, in the order of time."""
+        """Poses of the tip in base, in the order of time; one that is older than one before it is dropped and counted."""
+
+    @_builtins.property
+    def robot_clock(self) -> Global___RobotClock:
+        """The robot's clock, from which its offset is estimated; in the first message or none, and then in all that follow. A
+        message with it and without poses is answered at once. The first poses come after an answer.
+        """
 
     def __init__(
         self,
@@ -773,12 +895,16 @@ class StreamPointsRequest(_message.Message):
         device: _builtins.str = ...,
         tip_t_module: _abc.Iterable[_common_pb2.Pose] | None = ...,
         tip_poses: _abc.Iterable[Global___TipPose] | None = ...,
+        clock_offset: _builtins.float | None = ...,
+        robot_clock: Global___RobotClock | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_clock_offset", b"_clock_offset", "clock_offset", b"clock_offset", "robot_clock", b"robot_clock"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["device", b"device", "tip_poses", b"tip_poses", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_clock_offset", b"_clock_offset", "clock_offset", b"clock_offset", "device", b"device", "robot_clock", b"robot_clock", "tip_poses", b"tip_poses", "tip_t_module", b"tip_t_module"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__clock_offset: _TypeAlias = _typing.Literal["clock_offset"]  # noqa: Y015
+    _WhichOneofArgType__clock_offset: _TypeAlias = _typing.Literal["_clock_offset", b"_clock_offset"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__clock_offset) -> _WhichOneofReturnType__clock_offset | None: ...
 
 Global___StreamPointsRequest: _TypeAlias = StreamPointsRequest  # noqa: Y015
 
@@ -797,12 +923,24 @@ class StreamPointsResponse(_message.Message):
     STD_FIELD_NUMBER: _builtins.int
     FLAGS_FIELD_NUMBER: _builtins.int
     OVERRUN_FIELD_NUMBER: _builtins.int
+    NOW_FIELD_NUMBER: _builtins.int
+    OUT_OF_ORDER_FIELD_NUMBER: _builtins.int
+    CLOCK_OFFSET_FIELD_NUMBER: _builtins.int
+    CLOCK_OFFSET_STD_FIELD_NUMBER: _builtins.int
     lost: _builtins.int
     """Number of measurements missing before these, which no subscriber received."""
     unposed: _builtins.int
     """Number of measurements dropped since the previous batch because no two tip poses close in time enclose theirs."""
     overrun: _builtins.int
     """Number of measurements before these that this call lost because it reads slowly, missing ones included."""
+    now: _builtins.float
+    """The present by the clock of the gateway's host as it sends this, in seconds since the Unix epoch."""
+    out_of_order: _builtins.int
+    """Number of tip poses dropped since the previous response because one of a later time had come before."""
+    clock_offset: _builtins.float
+    """The robot's clock minus that of the gateway's host, in seconds: as given, or as estimated by now."""
+    clock_offset_std: _builtins.float
+    """Standard deviation of clock_offset, in seconds; it is part of each point's."""
     @_builtins.property
     def samples(self) -> _common_pb2.Samples:
         """The samples, with the tip's pose in base interpolated at each sample's time."""
@@ -839,10 +977,14 @@ class StreamPointsResponse(_message.Message):
         std: _common_pb2.Array | None = ...,
         flags: _common_pb2.Array | None = ...,
         overrun: _builtins.int = ...,
+        now: _builtins.float = ...,
+        out_of_order: _builtins.int = ...,
+        clock_offset: _builtins.float = ...,
+        clock_offset_std: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "flags", b"flags", "origins", b"origins", "points", b"points", "samples", b"samples", "std", b"std"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "flags", b"flags", "lost", b"lost", "origins", b"origins", "overrun", b"overrun", "points", b"points", "samples", b"samples", "std", b"std", "unposed", b"unposed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock_offset", b"clock_offset", "clock_offset_std", b"clock_offset_std", "directions", b"directions", "flags", b"flags", "lost", b"lost", "now", b"now", "origins", b"origins", "out_of_order", b"out_of_order", "overrun", b"overrun", "points", b"points", "samples", b"samples", "std", b"std", "unposed", b"unposed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

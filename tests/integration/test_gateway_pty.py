@@ -348,9 +348,9 @@ async def test_what_cannot_be_answered_is_refused_with_a_remedy(
             (
                 points(
                     pb.StreamPointsRequest(device="left", tip_poses=[pb.TipPose(t=now, base_t_tip=here)]),
-                    pb.StreamPointsRequest(tip_poses=[pb.TipPose(t=now - 1, base_t_tip=here)]),
+                    pb.StreamPointsRequest(clock_offset=1.0),
                 ),
-                "before the one",
+                "later message",
             ),
             (points(pb.StreamPointsRequest(device="left"), pb.StreamPointsRequest(device="right")), "later message"),
         ):

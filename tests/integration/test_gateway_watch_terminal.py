@@ -47,7 +47,7 @@ def test_a_person_sees_the_ranges_changes_the_device_and_quits(gateway: FakeGate
         screen = terminal.wait_for("34.5")
         assert f"gateway {gateway.address}" in screen[0]
         assert any("● streaming" in line and "epoch 3" in line for line in screen)
-        assert any(line.split()[:4] == ["1", "-", "code", "7"] for line in screen)
+        assert any(line.split()[:4] == ["1", "-", "no", "target"] for line in screen)
         assert not terminal.now[3] & (termios.ECHO | termios.ICANON)
         gateway.send("index", ranges([T0], [[0.0777]]))
         terminal.type(b"\t")

@@ -113,8 +113,8 @@ def new_device(recorder: Any = None) -> Device:
 async def stream(device: Device, heard: Heard, requests: AsyncIterator[pb.StreamPointsRequest]) -> None:
     first = await anext(requests)
     with device.subscribe() as subscription:
-        async for fused, _, _ in PointStream(device, subscription, first, requests).fuse(asyncio.Event()):
-            heard.fused.append(fused)
+        async for batch in PointStream(device, subscription, first, requests).fuse(asyncio.Event()):
+            heard.fused.append(batch.fused)
 
 
 async def record(root: Path) -> Heard:

@@ -38,7 +38,7 @@ def test_the_newest_measurement_counts_and_recent_returns_have_a_share() -> None
     assert math.isnan(finger.returns(0))
     finger.take_ranges(ranges([T0, T0 + 0.03], [[0.03, 0.04], [0.031, 0.2]], [[0, 0], [0, 255]], [[0, 0], [1, 0]]))
     first, second = finger.readings
-    assert first == (0.031, 0, 1)
+    assert first == (0.031, 0, pb.RANGE_STATUS_GOOD, 1)
     assert math.isnan(second.range)
     assert (second.code, second.flags) == (255, 0)
     assert (finger.returns(0), finger.returns(1)) == (1.0, 0.5)

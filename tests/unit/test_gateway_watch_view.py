@@ -78,7 +78,7 @@ def test_each_module_has_its_range_status_bar_and_counts() -> None:
     rows = screen[titles + 1 : titles + 7]
     assert [row.split()[0] for row in rows] == list("012345")
     assert [row.split()[1] for row in rows] == ["34.5", "120.3", "-", "50.0", "-", "-"]
-    meant = ["good, warming up", "good", "code 7", "good, jump", "code 255", "code 6"]
+    meant = ["good, warming up", "good", "no target (7)", "good, jump", "no answer (255)", "rejected (6)"]
     for row, words in zip(rows, meant, strict=True):
         assert f" {words} " in row
     lengths = [row.count("█") for row in rows]

@@ -35,7 +35,13 @@ class BatchBuilder:
         return self.calibration is None or len(self.calibration.modules) == modules
 
     def build(
-        self, tracked: Sequence[TrackedMeasurement], times: Sequence[Timestamp], epoch: int, age: float, lost: int
+        self,
+        tracked: Sequence[TrackedMeasurement],
+        times: Sequence[Timestamp],
+        epoch: int,
+        age: float,
+        lost: int,
+        wire_format: str,
     ) -> RangeBatch:
         """One batch of measurements, all with the same number of modules.
 
@@ -44,6 +50,7 @@ class BatchBuilder:
             epoch: number of their boot session.
             age: s since the boot session's first measurement was read.
             lost: measurements missing before the last of these.
+            wire_format: the name of the device's format.
         """
         raw = np.array([one.measurement.ranges for one in tracked])
         status = np.array([one.measurement.status for one in tracked], dtype=np.uint8)
@@ -63,4 +70,5 @@ class BatchBuilder:
             status=status,
             flags=flags,
             lost=lost,
+            wire_format=wire_format,
         )

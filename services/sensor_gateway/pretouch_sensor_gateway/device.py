@@ -59,6 +59,7 @@ class Device:
         source: where its batches come from. It calls `deliver`, and is set after construction, before `run`.
         history: its last minutes.
         recorded_path: of the tip, from the recording that stands in for the device; None for a device on a port.
+        recorded_time_std: one standard deviation of the times on it, s.
     """
 
     source: Source
@@ -75,6 +76,7 @@ class Device:
         self.address = address
         self.history = History()
         self.recorded_path: PosePath | None = None
+        self.recorded_time_std = 0.0
         self._recorded_call = 0
         self._calls = 0
         self.tip_T_module = tuple(tip_T_module)
@@ -137,17 +139,18 @@ class Device:
         """Remembers tip poses of a recording that stands in for the device, as if a robot had sent them now.
 
         Raises:
-            InvalidInput: an invalid pose, or one out of order.
+            InvalidInput: an invalid pose.
         """
         if self.recorded_path is None or poses.call != self._recorded_call:
             self._recorded_call, self.recorded_path = poses.call, PosePath()
             self.history.add_path(self.recorded_path)
+        self.recorded_time_std = poses.time_std
         for tip in poses.tip_poses:
             self.recorded_path.append(tip.t, pose_from_proto(tip.base_t_tip, "base_t_tip"))
 
     def record_tip_poses(self, poses: RecordedTipPoses) -> None:
-        """Records tip poses, at least one, of which points will come, if the device is being recorded."""
-        if self.recorder is not None:
+        """Records tip poses of which points will come, if the device is being recorded."""
+        if self.recorder is not None and poses.tip_poses:
             self.recorder.record_fusion(TipPosesItem(poses))
 
     def record_points(self, fused: FusedSamples) -> None:

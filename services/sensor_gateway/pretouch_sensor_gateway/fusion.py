@@ -57,13 +57,18 @@ class Fusion:
         self._path = path
         self._tip_T_module = np.stack([pose.matrix for pose in tip_T_module])
         self._std_at = std_at
+        self._pose_time_std = 0.0
         self._waiting = Measurements.empty()
         self._unposed = 0
         self._newest = -np.inf
 
-    def follow(self, path: PosePath) -> None:
-        """Takes poses from `path` from now on, for the measurements that wait, too."""
-        self._path = path
+    def follow(self, path: PosePath, pose_time_std: float) -> None:
+        """Takes poses from `path` from now on, also for the measurements that wait.
+
+        Args:
+            pose_time_std: one standard deviation of the poses' times, s, common to all.
+        """
+        self._path, self._pose_time_std = path, pose_time_std
 
     def add(self, measurements: Measurements) -> None:
         """Adds measurements. If the number of modules changed, those that still wait are dropped.
@@ -74,7 +79,7 @@ class Fusion:
         if measurements.modules > len(self._tip_T_module):
             raise InvalidInput(
                 f"The device has {measurements.modules} modules; tip_t_module describes {len(self._tip_T_module)}.",
-                "Send the pose of each module in the first message, or configure them in the gateway.",
+                "Send the pose of each module in the first message of StreamPoints, or call Configure once.",
             )
         if measurements.modules == self._waiting.modules:
             measurements = Measurements.concatenate([self._waiting, measurements])
@@ -107,7 +112,7 @@ class Fusion:
         origins, directions = base_T_module[:, :3, 3], base_T_module[:, :3, 2]
         ranges = np.where(samples.status == STATUS_OK, samples.range, np.nan)
         noise = self._std_at(measurements.range).ravel()
-        time_std = np.repeat(measurements.time_std, measurements.modules)
+        time_std = np.repeat(np.hypot(measurements.time_std, self._pose_time_std), measurements.modules)
         moved = _speed(measurements, ranges, modules, self._path) * time_std
         return FusedSamples(
             samples=samples,

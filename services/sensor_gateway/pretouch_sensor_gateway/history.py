@@ -51,6 +51,11 @@ class History:
         """Remembers `path`, to which poses may still be appended."""
         self._paths.append(path)
 
+    def remove_path(self, path: PosePath) -> None:
+        """Forgets `path`, whose times turned out to be wrong."""
+        if path in self._paths:
+            self._paths.remove(path)
+
     def between(self, start: float, end: float) -> tuple[Measurements, list[PosePath]]:
         """Copies of the measurements between two Unix times, s, and of the paths, the newest path first."""
         rows = self._rows[: self._count]

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from pretouch.geometry import Array
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import array_from_proto, array_to_proto
+from pretouch_sensor_gateway.range_status import classify
 
 
 class Flag(IntFlag):
     """What is doubtful about a range whose status is good."""
 
-    JUMP = 1
+    JUMP = pb.RANGE_FLAG_JUMP
     """It lies far from the module's last range, and no later one has confirmed it."""
-    WARMING_UP = 2
+    WARMING_UP = pb.RANGE_FLAG_WARMING_UP
     """The device started so recently that its calibration does not hold yet."""
 
 
@@ -37,6 +38,7 @@ class RangeBatch:
         status: (f, k) uint8, the modules' status codes; 0 is good.
         flags: (f, k) uint8, of `Flag`.
         lost: measurements missing before the last of these.
+        wire_format: of the device: it says what the status codes mean.
     """
 
     t: Array
@@ -48,6 +50,7 @@ class RangeBatch:
     status: NDArray[np.uint8]
     flags: NDArray[np.uint8]
     lost: int
+    wire_format: str = ""
 
     @staticmethod
     def from_message(message: pb.RangeBatch) -> RangeBatch:
@@ -68,6 +71,8 @@ class RangeBatch:
             lost=message.lost,
         )
         batch.__dict__["message"] = message  # where cached_property looks first
+        if message.HasField("range_status"):
+            batch.__dict__["range_status"] = array_from_proto(message.range_status, "range_status")
         return batch
 
     @cached_property
@@ -83,7 +88,13 @@ class RangeBatch:
             status=array_to_proto(self.status, "u1"),
             flags=array_to_proto(self.flags, "u1"),
             lost=self.lost,
+            range_status=array_to_proto(self.range_status, "u1"),
         )
+
+    @cached_property
+    def range_status(self) -> NDArray[np.uint8]:
+        """(f, k) numbers of `pb.RangeStatus`: what the status codes mean."""
+        return classify(self.status, self.range, self.wire_format)
 
     def __len__(self) -> int:
         return len(self.t)

@@ -22,15 +22,23 @@ STATES = {
 }
 RECENT = 300
 """Measurements over which the share of returns is computed: 10 s at 30 Hz."""
-_READ = ("range", "status", "flags")
+_READ = ("range", "status", "range_status", "flags")
 _SEVERITIES = {pb.DEVICE_STATE_STREAMING: Severity.GOOD, pb.DEVICE_STATE_SILENT: Severity.BAD}
 
 
 class Reading(NamedTuple):
-    """A module's newest range (m along its beam, NaN for none), its status code, and flags as in RangeBatch."""
+    """A module's newest measurement.
+
+    Attributes:
+        range: m along its beam, NaN for none.
+        code: the sensor's own status code.
+        meaning: a number of `pb.RangeStatus`.
+        flags: as in RangeBatch.
+    """
 
     range: float
     code: int
+    meaning: int
     flags: int
 
 
@@ -69,16 +77,18 @@ class WatchedDevice:
         Raises:
             InvalidInput: an array is not of its stated shape and type.
         """
-        ranges, code, flags = (array_from_proto(getattr(response.batch, name), name) for name in _READ)
+        columns = [array_from_proto(getattr(response.batch, name), name) for name in _READ]
+        ranges, code = columns[:2]
         if len(ranges):
-            newest = zip(ranges[-1].tolist(), code[-1].tolist(), flags[-1].tolist(), strict=True)
-            self._last = [Reading(*values) for values in newest]
+            self._last = [Reading(*values) for values in zip(*(column[-1].tolist() for column in columns), strict=True)]
             self._recent.extend((np.isfinite(ranges) & (code == 0)).tolist())
 
     @property
     def readings(self) -> list[Reading]:
         """Each module's newest measurement: from the stream, or from the status if none was streamed yet."""
-        return self._last or [Reading(module.range, module.status, 0) for module in self.status.modules]
+        return self._last or [
+            Reading(module.range, module.status, module.range_status, 0) for module in self.status.modules
+        ]
 
     def returns(self, module: int) -> float:
         """Share of the last `RECENT` measurements in which the module had a range; NaN before the first."""

@@ -145,7 +145,8 @@ def _modules(device: WatchedDevice, live: bool) -> Table:
 
 def _words(reading: Reading) -> Text:
     doubts = [flag.name.lower().replace("_", " ") for flag in Flag(reading.flags) if flag.name]
-    words = ", ".join(["good" if reading.code == 0 else f"code {reading.code}", *doubts])
+    meaning = pb.RangeStatus.Name(reading.meaning).removeprefix("RANGE_STATUS_").lower().replace("_", " ")
+    words = ", ".join([f"{meaning} ({reading.code})" if reading.code else meaning, *doubts])
     return Text(words, "green" if words == "good" else "yellow")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pretouch_sensor_gateway.wire_formats.line_splitter import LineSplitter
 from pretouch_sensor_gateway.wire_formats.messages import MAX_MODULES
@@ -66,6 +66,6 @@ class TextParser:
         modules = len(measurement.ranges)
         if self._modules is None or modules in (self._modules, self._candidate_modules):
             self._modules, self._candidate_modules = modules, None
-            return measurement
+            return replace(measurement, size=len(line) + 1)
         self._candidate_modules = modules
         return Refusal.FIELDS
