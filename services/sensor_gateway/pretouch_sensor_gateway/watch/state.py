@@ -22,7 +22,6 @@ STATES = {
 }
 RECENT = 300
 """Measurements over which the share of returns is computed: 10 s at 30 Hz."""
-_READ = ("range", "status", "range_status", "flags")
 _SEVERITIES = {pb.DEVICE_STATE_STREAMING: Severity.GOOD, pb.DEVICE_STATE_SILENT: Severity.BAD}
 
 
@@ -32,13 +31,13 @@ class Reading(NamedTuple):
     Attributes:
         range: m along its beam, NaN for none.
         code: the sensor's own status code.
-        meaning: a number of `pb.RangeStatus`.
+        meaning: of that code; unspecified in old recordings.
         flags: as in RangeBatch.
     """
 
     range: float
     code: int
-    meaning: int
+    meaning: pb.RangeStatus.ValueType
     flags: int
 
 
@@ -77,18 +76,19 @@ class WatchedDevice:
         Raises:
             InvalidInput: an array is not of its stated shape and type.
         """
-        columns = [array_from_proto(getattr(response.batch, name), name) for name in _READ]
-        ranges, code = columns[:2]
+        batch = response.batch
+        ranges, code, flags = (array_from_proto(getattr(batch, name), name) for name in ("range", "status", "flags"))
+        told = batch.HasField("range_status")  # an old recording does not tell
+        meaning = array_from_proto(batch.range_status, "range_status") if told else np.zeros_like(code)
         if len(ranges):
-            self._last = [Reading(*values) for values in zip(*(column[-1].tolist() for column in columns), strict=True)]
+            rows = (column[-1].tolist() for column in (ranges, code, meaning, flags))
+            self._last = [Reading(*values) for values in zip(*rows, strict=True)]
             self._recent.extend((np.isfinite(ranges) & (code == 0)).tolist())
 
     @property
     def readings(self) -> list[Reading]:
         """Each module's newest measurement: from the stream, or from the status if none was streamed yet."""
-        return self._last or [
-            Reading(module.range, module.status, module.range_status, 0) for module in self.status.modules
-        ]
+        return self._last or [Reading(one.range, one.status, one.range_status, 0) for one in self.status.modules]
 
     def returns(self, module: int) -> float:
         """Share of the last `RECENT` measurements in which the module had a range; NaN before the first."""

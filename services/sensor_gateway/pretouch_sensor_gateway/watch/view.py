@@ -20,6 +20,14 @@ from pretouch_sensor_gateway.watch.state import STATES, Reading, Watch, WatchedD
 FULL = 0.1
 """Metres of a full bar."""
 _EVENTS = 8
+_MEANINGS = {
+    pb.RANGE_STATUS_UNSPECIFIED: "status",
+    pb.RANGE_STATUS_GOOD: "good",
+    pb.RANGE_STATUS_NO_TARGET: "no target",
+    pb.RANGE_STATUS_REJECTED: "rejected",
+    pb.RANGE_STATUS_FAILED: "failed",
+    pb.RANGE_STATUS_NO_ANSWER: "no answer",
+}
 _STYLES = {
     pb.DEVICE_STATE_UNSPECIFIED: "dim",
     pb.DEVICE_STATE_CONNECTING: "yellow",
@@ -145,7 +153,7 @@ def _modules(device: WatchedDevice, live: bool) -> Table:
 
 def _words(reading: Reading) -> Text:
     doubts = [flag.name.lower().replace("_", " ") for flag in Flag(reading.flags) if flag.name]
-    meaning = pb.RangeStatus.Name(reading.meaning).removeprefix("RANGE_STATUS_").lower().replace("_", " ")
+    meaning = _MEANINGS[reading.meaning]
     words = ", ".join([f"{meaning} ({reading.code})" if reading.code else meaning, *doubts])
     return Text(words, "green" if words == "good" else "yellow")
 
