@@ -15,9 +15,9 @@ from pretouch_sensor_gateway.clock.clock_offset import ClockOffset
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.live_pose_check import MAX_DIFFERENCE, STAY
 from pretouch_sensor_gateway.point_stream import FusedBatch, PointStream
-from pretouch_sensor_gateway.pose_intake import PoseIntake
 from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.source import DeviceState, SourceStatus
+from pretouch_sensor_gateway.tip_pose_receiver import TipPoseReceiver
 
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
@@ -102,28 +102,28 @@ def test_poses_that_come_too_late_are_dropped_and_counted(offset: float, order: 
     finger, _ = device()
     times = [T0 + 0.01 * k for k in order]
     messages = [[t + offset for t in times[start : start + per_message]] for start in range(0, len(times), per_message)]
-    intake = PoseIntake(finger, poses(clock_offset=offset))
+    receiver = TipPoseReceiver(finger, poses(clock_offset=offset))
     for message in messages:
-        intake.add(poses(*message))
+        receiver.add(poses(*message))
     kept = [k for n, k in enumerate(order) if k == max(order[: n + 1])]
-    assert intake.out_of_order == len(order) - len(kept)
-    assert intake.path.end == pytest.approx(T0 + 0.11, abs=1e-6)
-    assert intake.clock_offset == offset
+    assert receiver.out_of_order == len(order) - len(kept)
+    assert receiver.path.end == pytest.approx(T0 + 0.11, abs=1e-6)
+    assert receiver.clock_offset == offset
 
 
-def stream_live(difference: float, seconds: float, stated: float | None, rate: float = 50.0) -> PoseIntake:
+def stream_live(difference: float, seconds: float, stated: float | None, rate: float = 50.0) -> TipPoseReceiver:
     """A robot whose clock is off by `difference` s sends poses as it moves, of the last and this period."""
     finger, clock = device()
-    intake = PoseIntake(finger, poses() if stated is None else poses(clock_offset=stated))
+    receiver = TipPoseReceiver(finger, poses() if stated is None else poses(clock_offset=stated))
     try:
         for k in range(round(seconds * rate)):
             clock.at = T0 + k / rate
-            intake.add(poses(clock.at + difference - 0.5 / rate, clock.at + difference))
+            receiver.add(poses(clock.at + difference - 0.5 / rate, clock.at + difference))
     except InvalidInput:
         assert not finger.history.between(T0 - 100, T0 + 100)[1]  # forgotten: no GetSamples may use them
         raise
-    assert intake.path.end == pytest.approx(clock.at + difference - (stated or 0.0))
-    return intake
+    assert receiver.path.end == pytest.approx(clock.at + difference - (stated or 0.0))
+    return receiver
 
 
 @settings(max_examples=25, deadline=None)
@@ -147,26 +147,26 @@ def test_a_robot_that_is_a_little_late_or_early_is_heard(difference: float) -> N
 @given(st.floats(0.0, 60.0), st.integers(1, 8), st.floats(0.0, 0.05))
 def test_a_motion_planned_ahead_and_sent_at_once_is_no_live_one(ahead: float, messages: int, pause: float) -> None:
     finger, clock = device()
-    intake = PoseIntake(finger, poses())
+    receiver = TipPoseReceiver(finger, poses())
     for k in range(messages):
         clock.at += pause
-        intake.add(poses(*(T0 + ahead + 2.0 * k + 0.1 * np.arange(20))))
-    assert intake.out_of_order == 0
+        receiver.add(poses(*(T0 + ahead + 2.0 * k + 0.1 * np.arange(20))))
+    assert receiver.out_of_order == 0
 
 
 def test_what_a_first_message_cannot_mean() -> None:
     finger, _ = device()
     with pytest.raises(InvalidInput, match="clock_offset"):
-        PoseIntake(finger, poses(clock_offset=1.0, robot_clock=pb.RobotClock(now=1.0)))
+        TipPoseReceiver(finger, poses(clock_offset=1.0, robot_clock=pb.RobotClock(now=1.0)))
     with pytest.raises(InvalidInput, match="finite"):
-        PoseIntake(finger, poses(clock_offset=float("nan")))
-    intake = PoseIntake(finger, poses(robot_clock=pb.RobotClock(now=1.0)))
+        TipPoseReceiver(finger, poses(clock_offset=float("nan")))
+    receiver = TipPoseReceiver(finger, poses(robot_clock=pb.RobotClock(now=1.0)))
     with pytest.raises(InvalidInput, match="before the robot's clock is known"):
-        intake.add(poses(1.0, robot_clock=pb.RobotClock(now=1.0)))
+        receiver.add(poses(1.0, robot_clock=pb.RobotClock(now=1.0)))
     with pytest.raises(InvalidInput, match="no possible order"):
-        intake.add(poses(robot_clock=pb.RobotClock(now=1.0, gateway_now=T0 + 5.0, received=1.0)))
+        receiver.add(poses(robot_clock=pb.RobotClock(now=1.0, gateway_now=T0 + 5.0, received=1.0)))
     with pytest.raises(InvalidInput, match="the first did not"):
-        PoseIntake(finger, poses()).add(poses(robot_clock=pb.RobotClock(now=1.0)))
+        TipPoseReceiver(finger, poses()).add(poses(robot_clock=pb.RobotClock(now=1.0)))
 
 
 async def fuse(first: pb.StreamPointsRequest, later: Sequence[pb.StreamPointsRequest]) -> list[FusedBatch]:

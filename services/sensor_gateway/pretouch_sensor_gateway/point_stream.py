@@ -13,8 +13,8 @@ from pretouch.wire.common import pose_from_proto
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.fusion import FusedSamples, Fusion
 from pretouch_sensor_gateway.measurements import Measurements
-from pretouch_sensor_gateway.pose_intake import PoseIntake
 from pretouch_sensor_gateway.subscription_queue import SubscriptionQueue
+from pretouch_sensor_gateway.tip_pose_receiver import TipPoseReceiver
 
 LINGER = 1.0
 """Seconds after the last pose's time within which the last measurements must arrive, once no more poses are sent."""
@@ -61,8 +61,8 @@ class PointStream:
         modules = [pose_from_proto(pose, "tip_t_module") for pose in first.tip_t_module]
         self._device = device
         self._subscription = subscription
-        self._intake = PoseIntake(device, first)
-        self._fusion = Fusion(self._intake.path, modules or device.tip_T_module, device.std_at)
+        self._receiver = TipPoseReceiver(device, first)
+        self._fusion = Fusion(self._receiver.path, modules or device.tip_T_module, device.std_at)
         self._first = first
         self._requests = requests
         self._answer_due = False
@@ -88,13 +88,13 @@ class PointStream:
                 ended = self._device.ended
                 if reader.done():
                     reader.result()
-                    self._recorded = self._device.recorded_path is not None and self._intake.path.end is None
+                    self._recorded = self._device.recorded_path is not None and self._receiver.path.end is None
                 batches, overrun = self._subscription.take()
                 for batch in batches:
                     self._fusion.add(Measurements.from_batch(batch))
                 self._follow()
                 fused, lost = self._fusion.take(), sum(batch.lost for batch in batches)
-                out_of_order, told = self._intake.out_of_order - told, self._intake.out_of_order
+                out_of_order, told = self._receiver.out_of_order - told, self._receiver.out_of_order
                 if len(fused.samples) or fused.unposed or lost or overrun or out_of_order or self._answer_due:
                     self._answer_due = False
                     self._device.record_points(fused)
@@ -111,7 +111,7 @@ class PointStream:
         if self._recorded and self._device.recorded_path is not None:
             self._fusion.follow(self._device.recorded_path, self._device.recorded_time_std)
         else:
-            self._fusion.follow(self._intake.path, self._intake.clock_offset_std)
+            self._fusion.follow(self._receiver.path, self._receiver.clock_offset_std)
 
     def _is_over(self) -> bool:
         """Whether no measurement that the poses enclose can follow."""
@@ -119,13 +119,13 @@ class PointStream:
 
     def _time_left(self) -> float:
         """Seconds until no measurement that the poses enclose can arrive any more."""
-        end = self._intake.path.end
+        end = self._receiver.path.end
         return 0.0 if end is None else max(0.0, end + LINGER - self._device.now())
 
     def _batch(self, fused: FusedSamples, lost: int, overrun: int, out_of_order: int) -> FusedBatch:
-        intake = self._intake
+        receiver = self._receiver
         now = self._device.now()
-        return FusedBatch(fused, lost, overrun, out_of_order, intake.clock_offset, intake.clock_offset_std, now)
+        return FusedBatch(fused, lost, overrun, out_of_order, receiver.clock_offset, receiver.clock_offset_std, now)
 
     async def _read_requests(self) -> None:
         self._take(self._first)
@@ -142,5 +142,5 @@ class PointStream:
             self._take(request)
 
     def _take(self, request: pb.StreamPointsRequest) -> None:
-        self._answer_due |= self._intake.add(request)
+        self._answer_due |= self._receiver.add(request)
         self._subscription.changed.set()

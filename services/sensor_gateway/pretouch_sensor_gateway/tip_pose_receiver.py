@@ -15,7 +15,7 @@ from pretouch_sensor_gateway.live_pose_check import LivePoseCheck
 from pretouch_sensor_gateway.pose_path import PosePath
 
 
-class PoseIntake:
+class TipPoseReceiver:
     """Takes the messages of one StreamPoints call.
 
     Args:
