@@ -99,7 +99,7 @@ class PointStream:
                     self._answer_due = False
                     self._device.record_points(fused)
                     yield self._batch(fused, lost, overrun, out_of_order)
-                if reader.done() and (ended if self._recorded else self._is_over()):
+                if reader.done() and (ended or (not self._recorded and self._is_over())):
                     return
         finally:
             reader.cancel()
