@@ -175,6 +175,7 @@ class ClockStatus(_message.Message):
     DRIFT_FIELD_NUMBER: _builtins.int
     STD_FIELD_NUMBER: _builtins.int
     ROUND_TRIP_FIELD_NUMBER: _builtins.int
+    LATENCY_FIELD_NUMBER: _builtins.int
     synchronised: _builtins.bool
     """Whether the device's clock is synchronised; until then no measurement is passed on."""
     drift: _builtins.float
@@ -183,6 +184,10 @@ class ClockStatus(_message.Message):
     """Standard deviation of a measurement's time, in seconds."""
     round_trip: _builtins.float
     """Shortest round trip of the recent pings, in seconds; 0 for a device that answers none."""
+    latency: _builtins.float
+    """Time from a measurement to the time in its frame or to the begin of its line, in seconds, that its time allows for:
+    as configured; left out there, it is half a period for lines of text and 0 for a device that answers pings.
+    """
     def __init__(
         self,
         *,
@@ -190,10 +195,11 @@ class ClockStatus(_message.Message):
         drift: _builtins.float = ...,
         std: _builtins.float = ...,
         round_trip: _builtins.float = ...,
+        latency: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift", "round_trip", b"round_trip", "std", b"std", "synchronised", b"synchronised"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift", "latency", b"latency", "round_trip", b"round_trip", "std", b"std", "synchronised", b"synchronised"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -255,6 +255,44 @@ def test_text_lines_have_times_without_pings_and_nothing_is_sent() -> None:
     assert list(itertools.chain(*(batch.sequence for batch in batches))) == list(range(29))
 
 
+@pytest.mark.parametrize("bytes_per_read", [1, 5, 100])
+def test_a_line_took_as_long_on_the_wire_as_its_own_bytes_however_they_are_read(bytes_per_read: int) -> None:
+    byte_time = 10 / 9600
+    pipeline = MeasurementPipeline(create_parser("millimetres"), byte_time, None, latency=0.0)
+    pipeline.on_port_opened(0.0)
+    line, batches = b"34.5 35.5 36.5 37.5\r\n", []
+    for k in range(20):
+        begin = 1.0 + k / 30
+        for start in range(0, len(line), bytes_per_read):
+            at = begin + min(start + bytes_per_read, len(line)) * byte_time
+            batches += pipeline.feed(line[start : start + bytes_per_read], at, UNIX + at)
+    begins = UNIX + 1.0 + np.arange(1, 20) / 30  # before the first line end, half a line may have come
+    late = np.concatenate([batch.t for batch in batches]) - begins
+    assert np.all((late > -1e-6) & (late <= bytes_per_read * byte_time))
+    assert np.ptp(late) < 1e-6
+
+
+def test_lines_in_one_read_were_sent_one_after_the_other() -> None:
+    byte_time = 10 / 9600
+    pipeline = MeasurementPipeline(create_parser("millimetres"), byte_time, None, latency=0.0)
+    pipeline.on_port_opened(0.0)
+    pipeline.feed(b"\n", 0.0, UNIX)
+    (batch,) = pipeline.feed(b"34 35\n36 37\n38 39\n", 1.0, UNIX + 1.0)
+    assert batch.t - UNIX == pytest.approx([1.0 - 6 * n * byte_time for n in (3, 2, 1)], abs=1e-6)
+
+
+def test_a_latency_that_is_stated_moves_the_times_of_a_finger_that_answers_pings() -> None:
+    finger = VirtualFinger()
+    bench = Bench(finger)
+    bench.pipeline = MeasurementPipeline(BinaryParser(), 0.0, None, latency=0.015)
+    bench.pipeline.on_port_opened(bench.now)
+    bench.run(3.0)
+    sequence = np.concatenate([batch.sequence for batch in bench.batches])
+    late = np.concatenate([batch.t for batch in bench.batches]) - UNIX - finger.time_of(sequence)
+    assert np.median(late) == pytest.approx(-0.015, abs=1e-3)
+    assert bench.pipeline.clock.latency == 0.015
+
+
 def test_lines_that_came_before_their_format_was_recognised_have_no_honest_time() -> None:
     pipeline = MeasurementPipeline(create_parser("auto"), 10 / 115_200, None)
     pipeline.on_port_opened(0.0)

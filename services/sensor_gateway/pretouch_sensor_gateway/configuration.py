@@ -8,6 +8,7 @@
     address = "/dev/serial/by-id/usb-Pretouch_Finger_0042-if00"
     format = "binary"                        # default "auto": recognised from what comes
     baud = 115200
+    latency = 0.012                          # s; left out: not known
     calibration = "finger.json"              # what `pretouch gateway calibrate` wrote
     record = true
     modules = [                              # tip_T_module of each; default: one module at the tip
@@ -39,6 +40,8 @@ VARIABLE = "PRETOUCH_GATEWAY_DEVICES"
 _NAME = re.compile(r"[\w.-]{1,64}")
 _REPLAY = "replay:"
 _MAX_BYTES = 1_000_000
+MAX_LATENCY = 1.0
+"""Seconds; no sensor measures for longer before its board sends."""
 _REMEDY = (
     f"Set {VARIABLE} to name=port,name=port, or to the path of a .toml file: a name is of letters, digits, "
     "'-', '_' and '.'."
@@ -54,6 +57,7 @@ class DeviceSetting:
         address: as written; of a port, or of a recording to replay.
         wire_format: the name of its wire format.
         baud: bits a second of a real UART.
+        latency: s from a measurement to the time in its frame, or to the begin of its line of text; None: not known.
         tip_T_module: pose of each module in the tip's coordinate frame.
         record: whether it is recorded from the start.
     """
@@ -62,6 +66,7 @@ class DeviceSetting:
     address: str
     wire_format: str = AUTO
     baud: int = DEFAULT_BAUD
+    latency: float | None = None
     calibration: Calibration | None = None
     tip_T_module: tuple[Pose, ...] = (Pose.identity(),)
     record: bool = False
@@ -77,6 +82,11 @@ class DeviceSetting:
         if not 50 <= self.baud <= 12_000_000:
             raise InvalidInput(
                 f"The baud rate {self.baud} is not possible.", "Give the bits a second of the UART, as 115200."
+            )
+        if self.latency is not None and not abs(self.latency) <= MAX_LATENCY:
+            raise InvalidInput(
+                f"A latency of {self.latency:g} s is not possible.",
+                f"Give the seconds from a measurement to its line, at most {MAX_LATENCY:g}.",
             )
         if self.calibration is not None and len(self.calibration.modules) != len(self.tip_T_module):
             raise InvalidInput(
@@ -142,7 +152,7 @@ def _read_file(path: Path) -> GatewaySetting:
 
 def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
     with prefix_errors(f"devices.{name}"):
-        members = Members(value, "", ("address", "format", "baud", "calibration", "modules", "record"))
+        members = Members(value, "", ("address", "format", "baud", "latency", "calibration", "modules", "record"))
         address = members.text("address")
         if address.startswith(_REPLAY):
             address = _REPLAY + str(folder / address.removeprefix(_REPLAY))
@@ -155,6 +165,7 @@ def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
             address,
             wire_format=members.text("format") if "format" in members else AUTO,
             baud=members.integer("baud") if "baud" in members else DEFAULT_BAUD,
+            latency=members.number("latency") if "latency" in members else None,
             calibration=calibration,
             tip_T_module=tuple(read_pose(item, f"modules[{k}]") for k, item in enumerate(members.items("modules")))
             if "modules" in members

@@ -63,6 +63,7 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
             drift=source.clock.drift,
             std=source.clock.std,
             round_trip=source.clock.round_trip,
+            latency=source.clock.latency,
         ),
         modules=[
             pb.ModuleStatus(

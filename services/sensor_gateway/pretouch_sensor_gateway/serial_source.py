@@ -31,6 +31,7 @@ class SerialSource:
         deliver: gets each batch, on the event loop.
         record_event: gets what a person should know of the port, as a sentence.
         baud: bits a second of a real UART; USB and sockets ignore it.
+        latency: as in `DeviceSetting`.
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class SerialSource:
         address: str,
         parser: Parser,
         baud: int,
+        latency: float | None,
         calibration: Calibration | None,
         deliver: Callable[[RangeBatch], None],
         record_event: Callable[[str], None],
@@ -45,7 +47,7 @@ class SerialSource:
     ) -> None:
         self._log = log
         self._link = Link(address, self, log, baud)
-        self._pipeline = MeasurementPipeline(parser, _BITS_PER_BYTE / baud, calibration)
+        self._pipeline = MeasurementPipeline(parser, _BITS_PER_BYTE / baud, calibration, latency)
         self._deliver = deliver
         self._record_event = record_event
         self._send_due = asyncio.Event()

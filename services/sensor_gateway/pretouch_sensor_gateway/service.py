@@ -70,7 +70,14 @@ def _create_source(setting: DeviceSetting, device: Device, context: ServiceConte
     log = context.log.bind(device=setting.name)
     parser = create_parser(setting.wire_format)
     return SerialSource(
-        setting.address, parser, setting.baud, setting.calibration, device.deliver, device.record_event, log
+        setting.address,
+        parser,
+        setting.baud,
+        setting.latency,
+        setting.calibration,
+        device.deliver,
+        device.record_event,
+        log,
     )
 
 

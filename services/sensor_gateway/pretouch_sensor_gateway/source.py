@@ -30,6 +30,7 @@ class ClockState:
         std: one standard deviation of a measurement's time, s; NaN while unknown.
         round_trip: shortest round trip of the recent pings, s; 0 if there are none.
         host_jumps: how often the host's own clock was seen to jump.
+        latency: s that were subtracted for the time from a measurement to its line: as configured, or assumed.
     """
 
     synchronised: bool = False
@@ -37,6 +38,7 @@ class ClockState:
     std: float = float("nan")
     round_trip: float = 0.0
     host_jumps: int = 0
+    latency: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ class Measurement:
         micros: device clock at the measurement, microseconds, wraps at the format's modulus; None if it has none.
         ranges: m along the beam of each module, NaN where it has none.
         status: each module's own status code, 0 is good.
+        size: bytes of its line on the wire, up to the one that ended it; 0 where its time does not depend on that.
     """
 
     boot: int | None
@@ -28,6 +29,7 @@ class Measurement:
     micros: int | None
     ranges: tuple[float, ...]
     status: tuple[int, ...]
+    size: int = 0
 
 
 @dataclass(frozen=True)
