@@ -4,61 +4,58 @@
 # source: pretouch/v1/common.proto
 # Protobuf Python Version: 7.35.1
 """Generated protocol buffer code."""
+
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import descriptor_pool as _descriptor_pool
 from google.protobuf import runtime_version as _runtime_version
 from google.protobuf import symbol_database as _symbol_database
 from google.protobuf.internal import builder as _builder
+
 _runtime_version.ValidateProtobufRuntimeVersion(
-    _runtime_version.Domain.PUBLIC,
-    7,
-    35,
-    1,
-    '',
-    'pretouch/v1/common.proto'
+    _runtime_version.Domain.PUBLIC, 7, 35, 1, "", "pretouch/v1/common.proto"
 )
 # @@protoc_insertion_point(imports)
 
 _sym_db = _symbol_database.Default()
 
 
-
-
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x18pretouch/v1/common.proto\x12\x0bpretouch.v1\"\x16\n\x04Pose\x12\x0e\n\x06matrix\x18\x01 \x03(\x01\"K\n\x05\x41rray\x12\x0c\n\x04\x64\x61ta\x18\x01 \x01(\x0c\x12\r\n\x05shape\x18\x02 \x03(\r\x12%\n\x04type\x18\x03 \x01(\x0e\x32\x17.pretouch.v1.ScalarType\"8\n\x06\x43\x61mera\x12\n\n\x02\x66x\x18\x01 \x01(\x01\x12\n\n\x02\x66y\x18\x02 \x01(\x01\x12\n\n\x02\x63x\x18\x03 \x01(\x01\x12\n\n\x02\x63y\x18\x04 \x01(\x01\"\'\n\x05Plane\x12\x0e\n\x06normal\x18\x01 \x03(\x01\x12\x0e\n\x06offset\x18\x02 \x01(\x01\"\xd3\x01\n\x05Scene\x12!\n\x05\x64\x65pth\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x13\n\x0b\x64\x65pth_scale\x18\x02 \x01(\x01\x12#\n\x06\x63\x61mera\x18\x03 \x01(\x0b\x32\x13.pretouch.v1.Camera\x12(\n\rbase_t_camera\x18\x04 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12 \n\x04mask\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05table\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Plane\"\xa2\x01\n\nMeshTarget\x12$\n\x08vertices\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66\x61\x63\x65s\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12(\n\rbase_t_object\x18\x03 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12!\n\x05table\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Plane\"F\n\tRectangle\x12\t\n\x01x\x18\x01 \x01(\x01\x12\t\n\x01y\x18\x02 \x01(\x01\x12\t\n\x01w\x18\x03 \x01(\x01\x12\t\n\x01h\x18\x04 \x01(\x01\x12\r\n\x05theta\x18\x05 \x01(\x01\"\xf1\x01\n\x06Sensor\x12\x16\n\trange_min\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x16\n\trange_max\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x16\n\trange_std\x18\x03 \x01(\x01H\x02\x88\x01\x01\x12\x1c\n\x0f\x62\x65\x61m_half_angle\x18\x04 \x01(\x01H\x03\x88\x01\x01\x12\x11\n\x04rate\x18\x05 \x01(\x01H\x04\x88\x01\x01\x12\'\n\x0ctip_t_module\x18\x06 \x03(\x0b\x32\x11.pretouch.v1.PoseB\x0c\n\n_range_minB\x0c\n\n_range_maxB\x0c\n\n_range_stdB\x12\n\x10_beam_half_angleB\x07\n\x05_rate\"e\n\x05Prior\x12\x1c\n\x0ftranslation_std\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x19\n\x0crotation_std\x18\x02 \x01(\x01H\x01\x88\x01\x01\x42\x12\n\x10_translation_stdB\x0f\n\r_rotation_std\"w\n\x04Scan\x12#\n\x07origins\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\ndirections\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06ranges\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\"\xbb\x01\n\x07Samples\x12\x1d\n\x01t\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\nbase_t_tip\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05range\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06status\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06module\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\"=\n\rWeakDirection\x12\x11\n\tdirection\x18\x01 \x03(\x01\x12\x0b\n\x03std\x18\x02 \x01(\x01\x12\x0c\n\x04text\x18\x03 \x01(\t\"D\n\x04Mode\x12,\n\x11\x62\x61se_t_correction\x18\x01 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x0e\n\x06weight\x18\x02 \x01(\x01\"\xd9\x02\n\x08\x45stimate\x12,\n\x11\x62\x61se_t_correction\x18\x01 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x10\n\x08\x63\x65ntroid\x18\x02 \x03(\x01\x12\x12\n\ncovariance\x18\x03 \x03(\x01\x12\x16\n\x0e\x65xpected_error\x18\x04 \x01(\x01\x12\x16\n\x0e\x65rror_quantile\x18\x05 \x01(\x01\x12\x30\n\x0cunobservable\x18\x06 \x03(\x0b\x32\x1a.pretouch.v1.WeakDirection\x12\x0f\n\x07inliers\x18\x07 \x01(\r\x12\x0f\n\x07samples\x18\x08 \x01(\r\x12\x0c\n\x04rmse\x18\t \x01(\x01\x12 \n\x05modes\x18\x0b \x03(\x0b\x32\x11.pretouch.v1.Mode\x12\x10\n\x03\x66it\x18\x0c \x01(\x01H\x00\x88\x01\x01\x12\x16\n\x0esensor_problem\x18\r \x01(\tB\x06\n\x04_fitJ\x04\x08\n\x10\x0bR\rseveral_modes*\xa2\x01\n\nScalarType\x12\x1b\n\x17SCALAR_TYPE_UNSPECIFIED\x10\x00\x12\x15\n\x11SCALAR_TYPE_UINT8\x10\x01\x12\x16\n\x12SCALAR_TYPE_UINT16\x10\x02\x12\x17\n\x13SCALAR_TYPE_FLOAT32\x10\x03\x12\x17\n\x13SCALAR_TYPE_FLOAT64\x10\x04\x12\x16\n\x12SCALAR_TYPE_UINT32\x10\x05\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(
+    b'\n\x18pretouch/v1/common.proto\x12\x0bpretouch.v1"\x16\n\x04Pose\x12\x0e\n\x06matrix\x18\x01 \x03(\x01"K\n\x05\x41rray\x12\x0c\n\x04\x64\x61ta\x18\x01 \x01(\x0c\x12\r\n\x05shape\x18\x02 \x03(\r\x12%\n\x04type\x18\x03 \x01(\x0e\x32\x17.pretouch.v1.ScalarType"8\n\x06\x43\x61mera\x12\n\n\x02\x66x\x18\x01 \x01(\x01\x12\n\n\x02\x66y\x18\x02 \x01(\x01\x12\n\n\x02\x63x\x18\x03 \x01(\x01\x12\n\n\x02\x63y\x18\x04 \x01(\x01"\'\n\x05Plane\x12\x0e\n\x06normal\x18\x01 \x03(\x01\x12\x0e\n\x06offset\x18\x02 \x01(\x01"\xd3\x01\n\x05Scene\x12!\n\x05\x64\x65pth\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x13\n\x0b\x64\x65pth_scale\x18\x02 \x01(\x01\x12#\n\x06\x63\x61mera\x18\x03 \x01(\x0b\x32\x13.pretouch.v1.Camera\x12(\n\rbase_t_camera\x18\x04 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12 \n\x04mask\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05table\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Plane"\xa2\x01\n\nMeshTarget\x12$\n\x08vertices\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66\x61\x63\x65s\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12(\n\rbase_t_object\x18\x03 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12!\n\x05table\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Plane"F\n\tRectangle\x12\t\n\x01x\x18\x01 \x01(\x01\x12\t\n\x01y\x18\x02 \x01(\x01\x12\t\n\x01w\x18\x03 \x01(\x01\x12\t\n\x01h\x18\x04 \x01(\x01\x12\r\n\x05theta\x18\x05 \x01(\x01"\xf1\x01\n\x06Sensor\x12\x16\n\trange_min\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x16\n\trange_max\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x16\n\trange_std\x18\x03 \x01(\x01H\x02\x88\x01\x01\x12\x1c\n\x0f\x62\x65\x61m_half_angle\x18\x04 \x01(\x01H\x03\x88\x01\x01\x12\x11\n\x04rate\x18\x05 \x01(\x01H\x04\x88\x01\x01\x12\'\n\x0ctip_t_module\x18\x06 \x03(\x0b\x32\x11.pretouch.v1.PoseB\x0c\n\n_range_minB\x0c\n\n_range_maxB\x0c\n\n_range_stdB\x12\n\x10_beam_half_angleB\x07\n\x05_rate"e\n\x05Prior\x12\x1c\n\x0ftranslation_std\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x19\n\x0crotation_std\x18\x02 \x01(\x01H\x01\x88\x01\x01\x42\x12\n\x10_translation_stdB\x0f\n\r_rotation_std"w\n\x04Scan\x12#\n\x07origins\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\ndirections\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12"\n\x06ranges\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array"\xbb\x01\n\x07Samples\x12\x1d\n\x01t\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\nbase_t_tip\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05range\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12"\n\x06status\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Array\x12"\n\x06module\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array"=\n\rWeakDirection\x12\x11\n\tdirection\x18\x01 \x03(\x01\x12\x0b\n\x03std\x18\x02 \x01(\x01\x12\x0c\n\x04text\x18\x03 \x01(\t"D\n\x04Mode\x12,\n\x11\x62\x61se_t_correction\x18\x01 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x0e\n\x06weight\x18\x02 \x01(\x01"\xd9\x02\n\x08\x45stimate\x12,\n\x11\x62\x61se_t_correction\x18\x01 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x10\n\x08\x63\x65ntroid\x18\x02 \x03(\x01\x12\x12\n\ncovariance\x18\x03 \x03(\x01\x12\x16\n\x0e\x65xpected_error\x18\x04 \x01(\x01\x12\x16\n\x0e\x65rror_quantile\x18\x05 \x01(\x01\x12\x30\n\x0cunobservable\x18\x06 \x03(\x0b\x32\x1a.pretouch.v1.WeakDirection\x12\x0f\n\x07inliers\x18\x07 \x01(\r\x12\x0f\n\x07samples\x18\x08 \x01(\r\x12\x0c\n\x04rmse\x18\t \x01(\x01\x12 \n\x05modes\x18\x0b \x03(\x0b\x32\x11.pretouch.v1.Mode\x12\x10\n\x03\x66it\x18\x0c \x01(\x01H\x00\x88\x01\x01\x12\x16\n\x0esensor_problem\x18\r \x01(\tB\x06\n\x04_fitJ\x04\x08\n\x10\x0bR\rseveral_modes*\xa2\x01\n\nScalarType\x12\x1b\n\x17SCALAR_TYPE_UNSPECIFIED\x10\x00\x12\x15\n\x11SCALAR_TYPE_UINT8\x10\x01\x12\x16\n\x12SCALAR_TYPE_UINT16\x10\x02\x12\x17\n\x13SCALAR_TYPE_FLOAT32\x10\x03\x12\x17\n\x13SCALAR_TYPE_FLOAT64\x10\x04\x12\x16\n\x12SCALAR_TYPE_UINT32\x10\x05\x62\x06proto3'
+)
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
-_builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'pretouch.v1.common_pb2', _globals)
+_builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, "pretouch.v1.common_pb2", _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
-  DESCRIPTOR._loaded_options = None
-  _globals['_SCALARTYPE']._serialized_start=1832
-  _globals['_SCALARTYPE']._serialized_end=1994
-  _globals['_POSE']._serialized_start=41
-  _globals['_POSE']._serialized_end=63
-  _globals['_ARRAY']._serialized_start=65
-  _globals['_ARRAY']._serialized_end=140
-  _globals['_CAMERA']._serialized_start=142
-  _globals['_CAMERA']._serialized_end=198
-  _globals['_PLANE']._serialized_start=200
-  _globals['_PLANE']._serialized_end=239
-  _globals['_SCENE']._serialized_start=242
-  _globals['_SCENE']._serialized_end=453
-  _globals['_MESHTARGET']._serialized_start=456
-  _globals['_MESHTARGET']._serialized_end=618
-  _globals['_RECTANGLE']._serialized_start=620
-  _globals['_RECTANGLE']._serialized_end=690
-  _globals['_SENSOR']._serialized_start=693
-  _globals['_SENSOR']._serialized_end=934
-  _globals['_PRIOR']._serialized_start=936
-  _globals['_PRIOR']._serialized_end=1037
-  _globals['_SCAN']._serialized_start=1039
-  _globals['_SCAN']._serialized_end=1158
-  _globals['_SAMPLES']._serialized_start=1161
-  _globals['_SAMPLES']._serialized_end=1348
-  _globals['_WEAKDIRECTION']._serialized_start=1350
-  _globals['_WEAKDIRECTION']._serialized_end=1411
-  _globals['_MODE']._serialized_start=1413
-  _globals['_MODE']._serialized_end=1481
-  _globals['_ESTIMATE']._serialized_start=1484
-  _globals['_ESTIMATE']._serialized_end=1829
+    DESCRIPTOR._loaded_options = None
+    _globals["_SCALARTYPE"]._serialized_start = 1832
+    _globals["_SCALARTYPE"]._serialized_end = 1994
+    _globals["_POSE"]._serialized_start = 41
+    _globals["_POSE"]._serialized_end = 63
+    _globals["_ARRAY"]._serialized_start = 65
+    _globals["_ARRAY"]._serialized_end = 140
+    _globals["_CAMERA"]._serialized_start = 142
+    _globals["_CAMERA"]._serialized_end = 198
+    _globals["_PLANE"]._serialized_start = 200
+    _globals["_PLANE"]._serialized_end = 239
+    _globals["_SCENE"]._serialized_start = 242
+    _globals["_SCENE"]._serialized_end = 453
+    _globals["_MESHTARGET"]._serialized_start = 456
+    _globals["_MESHTARGET"]._serialized_end = 618
+    _globals["_RECTANGLE"]._serialized_start = 620
+    _globals["_RECTANGLE"]._serialized_end = 690
+    _globals["_SENSOR"]._serialized_start = 693
+    _globals["_SENSOR"]._serialized_end = 934
+    _globals["_PRIOR"]._serialized_start = 936
+    _globals["_PRIOR"]._serialized_end = 1037
+    _globals["_SCAN"]._serialized_start = 1039
+    _globals["_SCAN"]._serialized_end = 1158
+    _globals["_SAMPLES"]._serialized_start = 1161
+    _globals["_SAMPLES"]._serialized_end = 1348
+    _globals["_WEAKDIRECTION"]._serialized_start = 1350
+    _globals["_WEAKDIRECTION"]._serialized_end = 1411
+    _globals["_MODE"]._serialized_start = 1413
+    _globals["_MODE"]._serialized_end = 1481
+    _globals["_ESTIMATE"]._serialized_start = 1484
+    _globals["_ESTIMATE"]._serialized_end = 1829
 # @@protoc_insertion_point(module_scope)

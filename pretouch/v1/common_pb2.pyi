@@ -215,9 +215,24 @@ class Scene(_message.Message):
         mask: Global___Array | None = ...,
         table: Global___Plane | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_camera", b"base_t_camera", "camera", b"camera", "depth", b"depth", "mask", b"mask", "table", b"table"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "base_t_camera", b"base_t_camera", "camera", b"camera", "depth", b"depth", "mask", b"mask", "table", b"table"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_camera", b"base_t_camera", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "mask", b"mask", "table", b"table"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "base_t_camera",
+        b"base_t_camera",
+        "camera",
+        b"camera",
+        "depth",
+        b"depth",
+        "depth_scale",
+        b"depth_scale",
+        "mask",
+        b"mask",
+        "table",
+        b"table",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -257,9 +272,13 @@ class MeshTarget(_message.Message):
         base_t_object: Global___Pose | None = ...,
         table: Global___Plane | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "faces", b"faces", "table", b"table", "vertices", b"vertices"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "base_t_object", b"base_t_object", "faces", b"faces", "table", b"table", "vertices", b"vertices"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "faces", b"faces", "table", b"table", "vertices", b"vertices"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "base_t_object", b"base_t_object", "faces", b"faces", "table", b"table", "vertices", b"vertices"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -339,9 +358,53 @@ class Sensor(_message.Message):
         rate: _builtins.float | None = ...,
         tip_t_module: _abc.Iterable[Global___Pose] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_beam_half_angle", b"_beam_half_angle", "_range_max", b"_range_max", "_range_min", b"_range_min", "_range_std", b"_range_std", "_rate", b"_rate", "beam_half_angle", b"beam_half_angle", "range_max", b"range_max", "range_min", b"range_min", "range_std", b"range_std", "rate", b"rate"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "_beam_half_angle",
+        b"_beam_half_angle",
+        "_range_max",
+        b"_range_max",
+        "_range_min",
+        b"_range_min",
+        "_range_std",
+        b"_range_std",
+        "_rate",
+        b"_rate",
+        "beam_half_angle",
+        b"beam_half_angle",
+        "range_max",
+        b"range_max",
+        "range_min",
+        b"range_min",
+        "range_std",
+        b"range_std",
+        "rate",
+        b"rate",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_beam_half_angle", b"_beam_half_angle", "_range_max", b"_range_max", "_range_min", b"_range_min", "_range_std", b"_range_std", "_rate", b"_rate", "beam_half_angle", b"beam_half_angle", "range_max", b"range_max", "range_min", b"range_min", "range_std", b"range_std", "rate", b"rate", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_beam_half_angle",
+        b"_beam_half_angle",
+        "_range_max",
+        b"_range_max",
+        "_range_min",
+        b"_range_min",
+        "_range_std",
+        b"_range_std",
+        "_rate",
+        b"_rate",
+        "beam_half_angle",
+        b"beam_half_angle",
+        "range_max",
+        b"range_max",
+        "range_min",
+        b"range_min",
+        "range_std",
+        b"range_std",
+        "rate",
+        b"rate",
+        "tip_t_module",
+        b"tip_t_module",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__beam_half_angle: _TypeAlias = _typing.Literal["beam_half_angle"]  # noqa: Y015
     _WhichOneofArgType__beam_half_angle: _TypeAlias = _typing.Literal["_beam_half_angle", b"_beam_half_angle"]  # noqa: Y015
@@ -354,7 +417,9 @@ class Sensor(_message.Message):
     _WhichOneofReturnType__rate: _TypeAlias = _typing.Literal["rate"]  # noqa: Y015
     _WhichOneofArgType__rate: _TypeAlias = _typing.Literal["_rate", b"_rate"]  # noqa: Y015
     @_typing.overload
-    def WhichOneof(self, oneof_group: _WhichOneofArgType__beam_half_angle) -> _WhichOneofReturnType__beam_half_angle | None: ...
+    def WhichOneof(
+        self, oneof_group: _WhichOneofArgType__beam_half_angle
+    ) -> _WhichOneofReturnType__beam_half_angle | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__range_max) -> _WhichOneofReturnType__range_max | None: ...
     @_typing.overload
@@ -384,18 +449,40 @@ class Prior(_message.Message):
         translation_std: _builtins.float | None = ...,
         rotation_std: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_rotation_std", b"_rotation_std", "_translation_std", b"_translation_std", "rotation_std", b"rotation_std", "translation_std", b"translation_std"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "_rotation_std",
+        b"_rotation_std",
+        "_translation_std",
+        b"_translation_std",
+        "rotation_std",
+        b"rotation_std",
+        "translation_std",
+        b"translation_std",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_rotation_std", b"_rotation_std", "_translation_std", b"_translation_std", "rotation_std", b"rotation_std", "translation_std", b"translation_std"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_rotation_std",
+        b"_rotation_std",
+        "_translation_std",
+        b"_translation_std",
+        "rotation_std",
+        b"rotation_std",
+        "translation_std",
+        b"translation_std",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__rotation_std: _TypeAlias = _typing.Literal["rotation_std"]  # noqa: Y015
     _WhichOneofArgType__rotation_std: _TypeAlias = _typing.Literal["_rotation_std", b"_rotation_std"]  # noqa: Y015
     _WhichOneofReturnType__translation_std: _TypeAlias = _typing.Literal["translation_std"]  # noqa: Y015
     _WhichOneofArgType__translation_std: _TypeAlias = _typing.Literal["_translation_std", b"_translation_std"]  # noqa: Y015
     @_typing.overload
-    def WhichOneof(self, oneof_group: _WhichOneofArgType__rotation_std) -> _WhichOneofReturnType__rotation_std | None: ...
+    def WhichOneof(
+        self, oneof_group: _WhichOneofArgType__rotation_std
+    ) -> _WhichOneofReturnType__rotation_std | None: ...
     @_typing.overload
-    def WhichOneof(self, oneof_group: _WhichOneofArgType__translation_std) -> _WhichOneofReturnType__translation_std | None: ...
+    def WhichOneof(
+        self, oneof_group: _WhichOneofArgType__translation_std
+    ) -> _WhichOneofReturnType__translation_std | None: ...
 
 Global___Prior: _TypeAlias = Prior  # noqa: Y015
 
@@ -427,9 +514,13 @@ class Scan(_message.Message):
         directions: Global___Array | None = ...,
         ranges: Global___Array | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "origins", b"origins", "ranges", b"ranges"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "directions", b"directions", "origins", b"origins", "ranges", b"ranges"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "origins", b"origins", "ranges", b"ranges"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "directions", b"directions", "origins", b"origins", "ranges", b"ranges"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -477,9 +568,13 @@ class Samples(_message.Message):
         status: Global___Array | None = ...,
         module: Global___Array | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_tip", b"base_t_tip", "module", b"module", "range", b"range", "status", b"status", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "base_t_tip", b"base_t_tip", "module", b"module", "range", b"range", "status", b"status", "t", b"t"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_tip", b"base_t_tip", "module", b"module", "range", b"range", "status", b"status", "t", b"t"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "base_t_tip", b"base_t_tip", "module", b"module", "range", b"range", "status", b"status", "t", b"t"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -617,9 +712,38 @@ class Estimate(_message.Message):
         fit: _builtins.float | None = ...,
         sensor_problem: _builtins.str = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_fit", b"_fit", "base_t_correction", b"base_t_correction", "fit", b"fit"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "_fit", b"_fit", "base_t_correction", b"base_t_correction", "fit", b"fit"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_fit", b"_fit", "base_t_correction", b"base_t_correction", "centroid", b"centroid", "covariance", b"covariance", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "fit", b"fit", "inliers", b"inliers", "modes", b"modes", "rmse", b"rmse", "samples", b"samples", "sensor_problem", b"sensor_problem", "unobservable", b"unobservable"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_fit",
+        b"_fit",
+        "base_t_correction",
+        b"base_t_correction",
+        "centroid",
+        b"centroid",
+        "covariance",
+        b"covariance",
+        "error_quantile",
+        b"error_quantile",
+        "expected_error",
+        b"expected_error",
+        "fit",
+        b"fit",
+        "inliers",
+        b"inliers",
+        "modes",
+        b"modes",
+        "rmse",
+        b"rmse",
+        "samples",
+        b"samples",
+        "sensor_problem",
+        b"sensor_problem",
+        "unobservable",
+        b"unobservable",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__fit: _TypeAlias = _typing.Literal["fit"]  # noqa: Y015
     _WhichOneofArgType__fit: _TypeAlias = _typing.Literal["_fit", b"_fit"]  # noqa: Y015

@@ -4,18 +4,15 @@
 # source: pretouch/v1/detector.proto
 # Protobuf Python Version: 7.35.1
 """Generated protocol buffer code."""
+
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import descriptor_pool as _descriptor_pool
 from google.protobuf import runtime_version as _runtime_version
 from google.protobuf import symbol_database as _symbol_database
 from google.protobuf.internal import builder as _builder
+
 _runtime_version.ValidateProtobufRuntimeVersion(
-    _runtime_version.Domain.PUBLIC,
-    7,
-    35,
-    1,
-    '',
-    'pretouch/v1/detector.proto'
+    _runtime_version.Domain.PUBLIC, 7, 35, 1, "", "pretouch/v1/detector.proto"
 )
 # @@protoc_insertion_point(imports)
 
@@ -25,25 +22,27 @@ _sym_db = _symbol_database.Default()
 from pretouch.v1 import common_pb2 as pretouch_dot_v1_dot_common__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1apretouch/v1/detector.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"\x87\x01\n\x0eProposeRequest\x12!\n\x05scene\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Scene\x12\x10\n\x08proposer\x18\x02 \x01(\t\x12\r\n\x05\x63ount\x18\x03 \x01(\r\x12#\n\x06sensor\x18\x04 \x01(\x0b\x32\x13.pretouch.v1.Sensor\x12\x0c\n\x04seed\x18\x05 \x01(\x04\"O\n\x0eProposedRegion\x12)\n\trectangle\x18\x01 \x01(\x0b\x32\x16.pretouch.v1.Rectangle\x12\x12\n\nconfidence\x18\x02 \x01(\x01\"Q\n\x0fProposeResponse\x12,\n\x07regions\x18\x01 \x03(\x0b\x32\x1b.pretouch.v1.ProposedRegion\x12\x10\n\x08proposer\x18\x02 \x01(\t\"\x16\n\x14ListProposersRequest\";\n\x0cProposerInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05ready\x18\x02 \x01(\x08\x12\x0e\n\x06reason\x18\x03 \x01(\t\"E\n\x15ListProposersResponse\x12,\n\tproposers\x18\x01 \x03(\x0b\x32\x19.pretouch.v1.ProposerInfo2\xaf\x01\n\x0f\x44\x65tectorService\x12\x44\n\x07Propose\x12\x1b.pretouch.v1.ProposeRequest\x1a\x1c.pretouch.v1.ProposeResponse\x12V\n\rListProposers\x12!.pretouch.v1.ListProposersRequest\x1a\".pretouch.v1.ListProposersResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(
+    b'\n\x1apretouch/v1/detector.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto"\x87\x01\n\x0eProposeRequest\x12!\n\x05scene\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Scene\x12\x10\n\x08proposer\x18\x02 \x01(\t\x12\r\n\x05\x63ount\x18\x03 \x01(\r\x12#\n\x06sensor\x18\x04 \x01(\x0b\x32\x13.pretouch.v1.Sensor\x12\x0c\n\x04seed\x18\x05 \x01(\x04"O\n\x0eProposedRegion\x12)\n\trectangle\x18\x01 \x01(\x0b\x32\x16.pretouch.v1.Rectangle\x12\x12\n\nconfidence\x18\x02 \x01(\x01"Q\n\x0fProposeResponse\x12,\n\x07regions\x18\x01 \x03(\x0b\x32\x1b.pretouch.v1.ProposedRegion\x12\x10\n\x08proposer\x18\x02 \x01(\t"\x16\n\x14ListProposersRequest";\n\x0cProposerInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05ready\x18\x02 \x01(\x08\x12\x0e\n\x06reason\x18\x03 \x01(\t"E\n\x15ListProposersResponse\x12,\n\tproposers\x18\x01 \x03(\x0b\x32\x19.pretouch.v1.ProposerInfo2\xaf\x01\n\x0f\x44\x65tectorService\x12\x44\n\x07Propose\x12\x1b.pretouch.v1.ProposeRequest\x1a\x1c.pretouch.v1.ProposeResponse\x12V\n\rListProposers\x12!.pretouch.v1.ListProposersRequest\x1a".pretouch.v1.ListProposersResponseb\x06proto3'
+)
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
-_builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'pretouch.v1.detector_pb2', _globals)
+_builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, "pretouch.v1.detector_pb2", _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
-  DESCRIPTOR._loaded_options = None
-  _globals['_PROPOSEREQUEST']._serialized_start=70
-  _globals['_PROPOSEREQUEST']._serialized_end=205
-  _globals['_PROPOSEDREGION']._serialized_start=207
-  _globals['_PROPOSEDREGION']._serialized_end=286
-  _globals['_PROPOSERESPONSE']._serialized_start=288
-  _globals['_PROPOSERESPONSE']._serialized_end=369
-  _globals['_LISTPROPOSERSREQUEST']._serialized_start=371
-  _globals['_LISTPROPOSERSREQUEST']._serialized_end=393
-  _globals['_PROPOSERINFO']._serialized_start=395
-  _globals['_PROPOSERINFO']._serialized_end=454
-  _globals['_LISTPROPOSERSRESPONSE']._serialized_start=456
-  _globals['_LISTPROPOSERSRESPONSE']._serialized_end=525
-  _globals['_DETECTORSERVICE']._serialized_start=528
-  _globals['_DETECTORSERVICE']._serialized_end=703
+    DESCRIPTOR._loaded_options = None
+    _globals["_PROPOSEREQUEST"]._serialized_start = 70
+    _globals["_PROPOSEREQUEST"]._serialized_end = 205
+    _globals["_PROPOSEDREGION"]._serialized_start = 207
+    _globals["_PROPOSEDREGION"]._serialized_end = 286
+    _globals["_PROPOSERESPONSE"]._serialized_start = 288
+    _globals["_PROPOSERESPONSE"]._serialized_end = 369
+    _globals["_LISTPROPOSERSREQUEST"]._serialized_start = 371
+    _globals["_LISTPROPOSERSREQUEST"]._serialized_end = 393
+    _globals["_PROPOSERINFO"]._serialized_start = 395
+    _globals["_PROPOSERINFO"]._serialized_end = 454
+    _globals["_LISTPROPOSERSRESPONSE"]._serialized_start = 456
+    _globals["_LISTPROPOSERSRESPONSE"]._serialized_end = 525
+    _globals["_DETECTORSERVICE"]._serialized_start = 528
+    _globals["_DETECTORSERVICE"]._serialized_end = 703
 # @@protoc_insertion_point(module_scope)

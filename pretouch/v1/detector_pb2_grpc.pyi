@@ -19,7 +19,6 @@ else:
 _T = _typing.TypeVar("_T")
 
 class _MaybeAsyncIterator(_abc.AsyncIterator[_T], _abc.Iterator[_T], metaclass=_abc_1.ABCMeta): ...
-
 class _ServicerContext(_grpc.ServicerContext, _aio.ServicerContext):  # type: ignore[misc, type-arg]
     ...
 
@@ -35,7 +34,9 @@ class DetectorServiceStub:
     def __new__(cls, channel: _aio.Channel) -> DetectorServiceAsyncStub: ...
     Propose: _grpc.UnaryUnaryMultiCallable[_detector_pb2.ProposeRequest, _detector_pb2.ProposeResponse]
     """Proposes regions for one scene, the best first."""
-    ListProposers: _grpc.UnaryUnaryMultiCallable[_detector_pb2.ListProposersRequest, _detector_pb2.ListProposersResponse]
+    ListProposers: _grpc.UnaryUnaryMultiCallable[
+        _detector_pb2.ListProposersRequest, _detector_pb2.ListProposersResponse
+    ]
     """Lists the proposers, the best first, and says which are ready."""
 
 @_typing.type_check_only
@@ -67,4 +68,6 @@ class DetectorServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_detector_pb2.ListProposersResponse, _abc.Awaitable[_detector_pb2.ListProposersResponse]]:
         """Lists the proposers, the best first, and says which are ready."""
 
-def add_DetectorServiceServicer_to_server(servicer: DetectorServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]) -> None: ...
+def add_DetectorServiceServicer_to_server(
+    servicer: DetectorServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]
+) -> None: ...

@@ -4,18 +4,15 @@
 # source: pretouch/v1/orchestrator.proto
 # Protobuf Python Version: 7.35.1
 """Generated protocol buffer code."""
+
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import descriptor_pool as _descriptor_pool
 from google.protobuf import runtime_version as _runtime_version
 from google.protobuf import symbol_database as _symbol_database
 from google.protobuf.internal import builder as _builder
+
 _runtime_version.ValidateProtobufRuntimeVersion(
-    _runtime_version.Domain.PUBLIC,
-    7,
-    35,
-    1,
-    '',
-    'pretouch/v1/orchestrator.proto'
+    _runtime_version.Domain.PUBLIC, 7, 35, 1, "", "pretouch/v1/orchestrator.proto"
 )
 # @@protoc_insertion_point(imports)
 
@@ -25,77 +22,79 @@ _sym_db = _symbol_database.Default()
 from pretouch.v1 import common_pb2 as pretouch_dot_v1_dot_common__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1epretouch/v1/orchestrator.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"Q\n\tTolerance\x12\x12\n\x05\x65rror\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x17\n\nconfidence\x18\x02 \x01(\x01H\x01\x88\x01\x01\x42\x08\n\x06_errorB\r\n\x0b_confidence\"l\n\x06\x42udget\x12\x12\n\x05scans\x18\x01 \x01(\rH\x00\x88\x01\x01\x12\x14\n\x07seconds\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x15\n\x08\x66raction\x18\x03 \x01(\x01H\x02\x88\x01\x01\x42\x08\n\x06_scansB\n\n\x08_secondsB\x0b\n\t_fraction\"r\n\x0cScanSettings\x12\x15\n\x08standoff\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x12\n\x05speed\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x14\n\x07guarded\x18\x03 \x01(\x08H\x02\x88\x01\x01\x42\x0b\n\t_standoffB\x08\n\x06_speedB\n\n\x08_guarded\"5\n\x03Roi\x12\n\n\x02u0\x18\x01 \x01(\x05\x12\n\n\x02v0\x18\x02 \x01(\x05\x12\n\n\x02u1\x18\x03 \x01(\x05\x12\n\n\x02v1\x18\x04 \x01(\x05\"\xfb\x04\n\x14\x43reateSessionRequest\x12#\n\x06\x63\x61mera\x18\x01 \x01(\x0b\x32\x13.pretouch.v1.Camera\x12\x18\n\x0b\x64\x65pth_scale\x18\x02 \x01(\x01H\x00\x88\x01\x01\x12(\n\rbase_t_camera\x18\x03 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12!\n\x05\x64\x65pth\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Array\x12 \n\x04mask\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1d\n\x03roi\x18\x06 \x01(\x0b\x32\x10.pretouch.v1.Roi\x12!\n\x05table\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Plane\x12(\n\rbase_t_object\x18\x08 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12!\n\x05prior\x18\t \x01(\x0b\x32\x12.pretouch.v1.Prior\x12)\n\ttolerance\x18\n \x01(\x0b\x32\x16.pretouch.v1.Tolerance\x12#\n\x06\x62udget\x18\x0b \x01(\x0b\x32\x13.pretouch.v1.Budget\x12#\n\x06sensor\x18\x0c \x01(\x0b\x32\x13.pretouch.v1.Sensor\x12\'\n\x04scan\x18\r \x01(\x0b\x32\x19.pretouch.v1.ScanSettings\x12\x10\n\x08proposer\x18\x0e \x01(\t\x12\x0f\n\x07planner\x18\x0f \x01(\t\x12\x17\n\x0fidempotency_key\x18\x10 \x01(\t\x12\x12\n\x05width\x18\x11 \x01(\rH\x01\x88\x01\x01\x12\x13\n\x06height\x18\x12 \x01(\rH\x02\x88\x01\x01\x42\x0e\n\x0c_depth_scaleB\x08\n\x06_widthB\t\n\x07_height\"k\n\x06Region\x12\n\n\x02id\x18\x01 \x01(\t\x12)\n\trectangle\x18\x02 \x01(\x0b\x32\x16.pretouch.v1.Rectangle\x12\x12\n\nconfidence\x18\x03 \x01(\x01\x12\x16\n\x0e\x65xpected_error\x18\x04 \x01(\x01\"\xd5\x01\n\x08ScanPlan\x12\x0f\n\x07scan_id\x18\x01 \x01(\t\x12\x16\n\tregion_id\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x1d\n\x01t\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\nbase_t_tip\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0e\n\x06length\x18\x05 \x01(\x01\x12\x10\n\x08\x64uration\x18\x06 \x01(\x01\x12\x0f\n\x07path_id\x18\x07 \x01(\t\x12\x18\n\x10\x65xpected_returns\x18\x08 \x01(\x01\x42\x0c\n\n_region_id\"\xb1\x01\n\x0bScanSummary\x12\x0f\n\x07scan_id\x18\x01 \x01(\t\x12\x16\n\tregion_id\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x0f\n\x07samples\x18\x03 \x01(\r\x12\x0f\n\x07returns\x18\x04 \x01(\r\x12\x0e\n\x06length\x18\x05 \x01(\x01\x12\x10\n\x08\x64uration\x18\x06 \x01(\x01\x12\x16\n\x0e\x65xpected_error\x18\x07 \x01(\x01\x12\x0f\n\x07path_id\x18\x08 \x01(\tB\x0c\n\n_region_id\">\n\nBudgetUsed\x12\r\n\x05scans\x18\x01 \x01(\r\x12\x0f\n\x07seconds\x18\x02 \x01(\x01\x12\x10\n\x08\x66raction\x18\x03 \x01(\x01\">\n\x0eSessionWarning\x12\x0c\n\x04\x63ode\x18\x01 \x01(\t\x12\x0e\n\x06\x64\x65tail\x18\x02 \x01(\t\x12\x0e\n\x06remedy\x18\x03 \x01(\t\"\xbe\x03\n\x07Session\x12\n\n\x02id\x18\x01 \x01(\t\x12(\n\x05state\x18\x02 \x01(\x0e\x32\x19.pretouch.v1.SessionState\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x10\n\x08proposer\x18\x04 \x01(\t\x12\x0f\n\x07planner\x18\x05 \x01(\t\x12$\n\x07regions\x18\x06 \x03(\x0b\x32\x13.pretouch.v1.Region\x12\'\n\x08\x65stimate\x18\x07 \x01(\x0b\x32\x15.pretouch.v1.Estimate\x12(\n\tnext_scan\x18\x08 \x01(\x0b\x32\x15.pretouch.v1.ScanPlan\x12\'\n\x05scans\x18\t \x03(\x0b\x32\x18.pretouch.v1.ScanSummary\x12,\n\x0b\x62udget_used\x18\n \x01(\x0b\x32\x17.pretouch.v1.BudgetUsed\x12(\n\rbase_t_object\x18\x0b \x01(\x0b\x32\x11.pretouch.v1.Pose\x12-\n\x08warnings\x18\x0c \x03(\x0b\x32\x1b.pretouch.v1.SessionWarning\x12!\n\x05table\x18\r \x01(\x0b\x32\x12.pretouch.v1.Plane\">\n\x15\x43reateSessionResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session\"\'\n\x11GetSessionRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\";\n\x12GetSessionResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session\"C\n\x13ListSessionsRequest\x12\x12\n\x05limit\x18\x01 \x01(\rH\x00\x88\x01\x01\x12\x0e\n\x06\x63ursor\x18\x02 \x01(\tB\x08\n\x06_limit\"L\n\x14ListSessionsResponse\x12&\n\x08sessions\x18\x01 \x03(\x0b\x32\x14.pretouch.v1.Session\x12\x0c\n\x04next\x18\x02 \x01(\t\",\n\x06Points\x12\"\n\x06points\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\"7\n\x0bGatewaySpan\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\x0c\n\x04\x66rom\x18\x02 \x01(\x01\x12\n\n\x02to\x18\x03 \x01(\x01\"@\n\x07Skipped\x12\x0e\n\x06reason\x18\x01 \x01(\t\x12%\n\x07samples\x18\x02 \x01(\x0b\x32\x14.pretouch.v1.Samples\"\xe8\x01\n\x11SubmitScanRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\x0f\n\x07scan_id\x18\x02 \x01(\t\x12\'\n\x07samples\x18\x03 \x01(\x0b\x32\x14.pretouch.v1.SamplesH\x00\x12%\n\x06points\x18\x04 \x01(\x0b\x32\x13.pretouch.v1.PointsH\x00\x12+\n\x07gateway\x18\x05 \x01(\x0b\x32\x18.pretouch.v1.GatewaySpanH\x00\x12\'\n\x07skipped\x18\x06 \x01(\x0b\x32\x14.pretouch.v1.SkippedH\x00\x42\x08\n\x06result\";\n\x12SubmitScanResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session\"B\n\x0bSampleChunk\x12\x0c\n\x04\x66rom\x18\x01 \x01(\r\x12%\n\x07samples\x18\x02 \x01(\x0b\x32\x14.pretouch.v1.Samples\"\x9c\x01\n\x12TellSamplesRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\x0f\n\x07scan_id\x18\x02 \x01(\t\x12)\n\x05\x63hunk\x18\x03 \x01(\x0b\x32\x18.pretouch.v1.SampleChunkH\x00\x12+\n\x07gateway\x18\x04 \x01(\x0b\x32\x18.pretouch.v1.GatewaySpanH\x00\x42\t\n\x07telling\"\\\n\x0cScanProgress\x12\x0c\n\x04told\x18\x01 \x01(\r\x12\x0e\n\x06\x65nough\x18\x02 \x01(\x08\x12\x16\n\x0e\x65xpected_error\x18\x03 \x01(\x01\x12\x16\n\x0e\x65rror_quantile\x18\x04 \x01(\x01\"B\n\x13TellSamplesResponse\x12+\n\x08progress\x18\x01 \x01(\x0b\x32\x19.pretouch.v1.ScanProgress\"9\n\x14\x43\x61ncelSessionRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\r\n\x05purge\x18\x02 \x01(\x08\">\n\x15\x43\x61ncelSessionResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session\"8\n\x13StreamEventsRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\r\n\x05\x61\x66ter\x18\x02 \x01(\x04\">\n\x14StreamEventsResponse\x12\n\n\x02id\x18\x01 \x01(\x04\x12\x0c\n\x04type\x18\x02 \x01(\t\x12\x0c\n\x04\x64\x61ta\x18\x03 \x01(\t\"\xca\x01\n\x11RunSessionRequest\x12\x33\n\x06\x63reate\x18\x01 \x01(\x0b\x32!.pretouch.v1.CreateSessionRequestH\x00\x12\x14\n\nsession_id\x18\x02 \x01(\tH\x00\x12.\n\x04scan\x18\x03 \x01(\x0b\x32\x1e.pretouch.v1.SubmitScanRequestH\x00\x12\x32\n\x07samples\x18\x04 \x01(\x0b\x32\x1f.pretouch.v1.TellSamplesRequestH\x00\x42\x06\n\x04step\"h\n\x12RunSessionResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session\x12+\n\x08progress\x18\x02 \x01(\x0b\x32\x19.pretouch.v1.ScanProgress*\xbf\x01\n\x0cSessionState\x12\x1d\n\x19SESSION_STATE_UNSPECIFIED\x10\x00\x12\x1f\n\x1bSESSION_STATE_AWAITING_SCAN\x10\x01\x12\x1b\n\x17SESSION_STATE_CONVERGED\x10\x02\x12\x1b\n\x17SESSION_STATE_EXHAUSTED\x10\x03\x12\x18\n\x14SESSION_STATE_FAILED\x10\x04\x12\x1b\n\x17SESSION_STATE_CANCELLED\x10\x05\x32\xb4\x05\n\x13OrchestratorService\x12V\n\rCreateSession\x12!.pretouch.v1.CreateSessionRequest\x1a\".pretouch.v1.CreateSessionResponse\x12M\n\nGetSession\x12\x1e.pretouch.v1.GetSessionRequest\x1a\x1f.pretouch.v1.GetSessionResponse\x12S\n\x0cListSessions\x12 .pretouch.v1.ListSessionsRequest\x1a!.pretouch.v1.ListSessionsResponse\x12M\n\nSubmitScan\x12\x1e.pretouch.v1.SubmitScanRequest\x1a\x1f.pretouch.v1.SubmitScanResponse\x12P\n\x0bTellSamples\x12\x1f.pretouch.v1.TellSamplesRequest\x1a .pretouch.v1.TellSamplesResponse\x12V\n\rCancelSession\x12!.pretouch.v1.CancelSessionRequest\x1a\".pretouch.v1.CancelSessionResponse\x12U\n\x0cStreamEvents\x12 .pretouch.v1.StreamEventsRequest\x1a!.pretouch.v1.StreamEventsResponse0\x01\x12Q\n\nRunSession\x12\x1e.pretouch.v1.RunSessionRequest\x1a\x1f.pretouch.v1.RunSessionResponse(\x01\x30\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(
+    b'\n\x1epretouch/v1/orchestrator.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto"Q\n\tTolerance\x12\x12\n\x05\x65rror\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x17\n\nconfidence\x18\x02 \x01(\x01H\x01\x88\x01\x01\x42\x08\n\x06_errorB\r\n\x0b_confidence"l\n\x06\x42udget\x12\x12\n\x05scans\x18\x01 \x01(\rH\x00\x88\x01\x01\x12\x14\n\x07seconds\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x15\n\x08\x66raction\x18\x03 \x01(\x01H\x02\x88\x01\x01\x42\x08\n\x06_scansB\n\n\x08_secondsB\x0b\n\t_fraction"r\n\x0cScanSettings\x12\x15\n\x08standoff\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x12\n\x05speed\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x14\n\x07guarded\x18\x03 \x01(\x08H\x02\x88\x01\x01\x42\x0b\n\t_standoffB\x08\n\x06_speedB\n\n\x08_guarded"5\n\x03Roi\x12\n\n\x02u0\x18\x01 \x01(\x05\x12\n\n\x02v0\x18\x02 \x01(\x05\x12\n\n\x02u1\x18\x03 \x01(\x05\x12\n\n\x02v1\x18\x04 \x01(\x05"\xfb\x04\n\x14\x43reateSessionRequest\x12#\n\x06\x63\x61mera\x18\x01 \x01(\x0b\x32\x13.pretouch.v1.Camera\x12\x18\n\x0b\x64\x65pth_scale\x18\x02 \x01(\x01H\x00\x88\x01\x01\x12(\n\rbase_t_camera\x18\x03 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12!\n\x05\x64\x65pth\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Array\x12 \n\x04mask\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1d\n\x03roi\x18\x06 \x01(\x0b\x32\x10.pretouch.v1.Roi\x12!\n\x05table\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Plane\x12(\n\rbase_t_object\x18\x08 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12!\n\x05prior\x18\t \x01(\x0b\x32\x12.pretouch.v1.Prior\x12)\n\ttolerance\x18\n \x01(\x0b\x32\x16.pretouch.v1.Tolerance\x12#\n\x06\x62udget\x18\x0b \x01(\x0b\x32\x13.pretouch.v1.Budget\x12#\n\x06sensor\x18\x0c \x01(\x0b\x32\x13.pretouch.v1.Sensor\x12\'\n\x04scan\x18\r \x01(\x0b\x32\x19.pretouch.v1.ScanSettings\x12\x10\n\x08proposer\x18\x0e \x01(\t\x12\x0f\n\x07planner\x18\x0f \x01(\t\x12\x17\n\x0fidempotency_key\x18\x10 \x01(\t\x12\x12\n\x05width\x18\x11 \x01(\rH\x01\x88\x01\x01\x12\x13\n\x06height\x18\x12 \x01(\rH\x02\x88\x01\x01\x42\x0e\n\x0c_depth_scaleB\x08\n\x06_widthB\t\n\x07_height"k\n\x06Region\x12\n\n\x02id\x18\x01 \x01(\t\x12)\n\trectangle\x18\x02 \x01(\x0b\x32\x16.pretouch.v1.Rectangle\x12\x12\n\nconfidence\x18\x03 \x01(\x01\x12\x16\n\x0e\x65xpected_error\x18\x04 \x01(\x01"\xd5\x01\n\x08ScanPlan\x12\x0f\n\x07scan_id\x18\x01 \x01(\t\x12\x16\n\tregion_id\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x1d\n\x01t\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\nbase_t_tip\x18\x04 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0e\n\x06length\x18\x05 \x01(\x01\x12\x10\n\x08\x64uration\x18\x06 \x01(\x01\x12\x0f\n\x07path_id\x18\x07 \x01(\t\x12\x18\n\x10\x65xpected_returns\x18\x08 \x01(\x01\x42\x0c\n\n_region_id"\xb1\x01\n\x0bScanSummary\x12\x0f\n\x07scan_id\x18\x01 \x01(\t\x12\x16\n\tregion_id\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x0f\n\x07samples\x18\x03 \x01(\r\x12\x0f\n\x07returns\x18\x04 \x01(\r\x12\x0e\n\x06length\x18\x05 \x01(\x01\x12\x10\n\x08\x64uration\x18\x06 \x01(\x01\x12\x16\n\x0e\x65xpected_error\x18\x07 \x01(\x01\x12\x0f\n\x07path_id\x18\x08 \x01(\tB\x0c\n\n_region_id">\n\nBudgetUsed\x12\r\n\x05scans\x18\x01 \x01(\r\x12\x0f\n\x07seconds\x18\x02 \x01(\x01\x12\x10\n\x08\x66raction\x18\x03 \x01(\x01">\n\x0eSessionWarning\x12\x0c\n\x04\x63ode\x18\x01 \x01(\t\x12\x0e\n\x06\x64\x65tail\x18\x02 \x01(\t\x12\x0e\n\x06remedy\x18\x03 \x01(\t"\xbe\x03\n\x07Session\x12\n\n\x02id\x18\x01 \x01(\t\x12(\n\x05state\x18\x02 \x01(\x0e\x32\x19.pretouch.v1.SessionState\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x10\n\x08proposer\x18\x04 \x01(\t\x12\x0f\n\x07planner\x18\x05 \x01(\t\x12$\n\x07regions\x18\x06 \x03(\x0b\x32\x13.pretouch.v1.Region\x12\'\n\x08\x65stimate\x18\x07 \x01(\x0b\x32\x15.pretouch.v1.Estimate\x12(\n\tnext_scan\x18\x08 \x01(\x0b\x32\x15.pretouch.v1.ScanPlan\x12\'\n\x05scans\x18\t \x03(\x0b\x32\x18.pretouch.v1.ScanSummary\x12,\n\x0b\x62udget_used\x18\n \x01(\x0b\x32\x17.pretouch.v1.BudgetUsed\x12(\n\rbase_t_object\x18\x0b \x01(\x0b\x32\x11.pretouch.v1.Pose\x12-\n\x08warnings\x18\x0c \x03(\x0b\x32\x1b.pretouch.v1.SessionWarning\x12!\n\x05table\x18\r \x01(\x0b\x32\x12.pretouch.v1.Plane">\n\x15\x43reateSessionResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session"\'\n\x11GetSessionRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t";\n\x12GetSessionResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session"C\n\x13ListSessionsRequest\x12\x12\n\x05limit\x18\x01 \x01(\rH\x00\x88\x01\x01\x12\x0e\n\x06\x63ursor\x18\x02 \x01(\tB\x08\n\x06_limit"L\n\x14ListSessionsResponse\x12&\n\x08sessions\x18\x01 \x03(\x0b\x32\x14.pretouch.v1.Session\x12\x0c\n\x04next\x18\x02 \x01(\t",\n\x06Points\x12"\n\x06points\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array"7\n\x0bGatewaySpan\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\x0c\n\x04\x66rom\x18\x02 \x01(\x01\x12\n\n\x02to\x18\x03 \x01(\x01"@\n\x07Skipped\x12\x0e\n\x06reason\x18\x01 \x01(\t\x12%\n\x07samples\x18\x02 \x01(\x0b\x32\x14.pretouch.v1.Samples"\xe8\x01\n\x11SubmitScanRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\x0f\n\x07scan_id\x18\x02 \x01(\t\x12\'\n\x07samples\x18\x03 \x01(\x0b\x32\x14.pretouch.v1.SamplesH\x00\x12%\n\x06points\x18\x04 \x01(\x0b\x32\x13.pretouch.v1.PointsH\x00\x12+\n\x07gateway\x18\x05 \x01(\x0b\x32\x18.pretouch.v1.GatewaySpanH\x00\x12\'\n\x07skipped\x18\x06 \x01(\x0b\x32\x14.pretouch.v1.SkippedH\x00\x42\x08\n\x06result";\n\x12SubmitScanResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session"B\n\x0bSampleChunk\x12\x0c\n\x04\x66rom\x18\x01 \x01(\r\x12%\n\x07samples\x18\x02 \x01(\x0b\x32\x14.pretouch.v1.Samples"\x9c\x01\n\x12TellSamplesRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\x0f\n\x07scan_id\x18\x02 \x01(\t\x12)\n\x05\x63hunk\x18\x03 \x01(\x0b\x32\x18.pretouch.v1.SampleChunkH\x00\x12+\n\x07gateway\x18\x04 \x01(\x0b\x32\x18.pretouch.v1.GatewaySpanH\x00\x42\t\n\x07telling"\\\n\x0cScanProgress\x12\x0c\n\x04told\x18\x01 \x01(\r\x12\x0e\n\x06\x65nough\x18\x02 \x01(\x08\x12\x16\n\x0e\x65xpected_error\x18\x03 \x01(\x01\x12\x16\n\x0e\x65rror_quantile\x18\x04 \x01(\x01"B\n\x13TellSamplesResponse\x12+\n\x08progress\x18\x01 \x01(\x0b\x32\x19.pretouch.v1.ScanProgress"9\n\x14\x43\x61ncelSessionRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\r\n\x05purge\x18\x02 \x01(\x08">\n\x15\x43\x61ncelSessionResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session"8\n\x13StreamEventsRequest\x12\x12\n\nsession_id\x18\x01 \x01(\t\x12\r\n\x05\x61\x66ter\x18\x02 \x01(\x04">\n\x14StreamEventsResponse\x12\n\n\x02id\x18\x01 \x01(\x04\x12\x0c\n\x04type\x18\x02 \x01(\t\x12\x0c\n\x04\x64\x61ta\x18\x03 \x01(\t"\xca\x01\n\x11RunSessionRequest\x12\x33\n\x06\x63reate\x18\x01 \x01(\x0b\x32!.pretouch.v1.CreateSessionRequestH\x00\x12\x14\n\nsession_id\x18\x02 \x01(\tH\x00\x12.\n\x04scan\x18\x03 \x01(\x0b\x32\x1e.pretouch.v1.SubmitScanRequestH\x00\x12\x32\n\x07samples\x18\x04 \x01(\x0b\x32\x1f.pretouch.v1.TellSamplesRequestH\x00\x42\x06\n\x04step"h\n\x12RunSessionResponse\x12%\n\x07session\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Session\x12+\n\x08progress\x18\x02 \x01(\x0b\x32\x19.pretouch.v1.ScanProgress*\xbf\x01\n\x0cSessionState\x12\x1d\n\x19SESSION_STATE_UNSPECIFIED\x10\x00\x12\x1f\n\x1bSESSION_STATE_AWAITING_SCAN\x10\x01\x12\x1b\n\x17SESSION_STATE_CONVERGED\x10\x02\x12\x1b\n\x17SESSION_STATE_EXHAUSTED\x10\x03\x12\x18\n\x14SESSION_STATE_FAILED\x10\x04\x12\x1b\n\x17SESSION_STATE_CANCELLED\x10\x05\x32\xb4\x05\n\x13OrchestratorService\x12V\n\rCreateSession\x12!.pretouch.v1.CreateSessionRequest\x1a".pretouch.v1.CreateSessionResponse\x12M\n\nGetSession\x12\x1e.pretouch.v1.GetSessionRequest\x1a\x1f.pretouch.v1.GetSessionResponse\x12S\n\x0cListSessions\x12 .pretouch.v1.ListSessionsRequest\x1a!.pretouch.v1.ListSessionsResponse\x12M\n\nSubmitScan\x12\x1e.pretouch.v1.SubmitScanRequest\x1a\x1f.pretouch.v1.SubmitScanResponse\x12P\n\x0bTellSamples\x12\x1f.pretouch.v1.TellSamplesRequest\x1a .pretouch.v1.TellSamplesResponse\x12V\n\rCancelSession\x12!.pretouch.v1.CancelSessionRequest\x1a".pretouch.v1.CancelSessionResponse\x12U\n\x0cStreamEvents\x12 .pretouch.v1.StreamEventsRequest\x1a!.pretouch.v1.StreamEventsResponse0\x01\x12Q\n\nRunSession\x12\x1e.pretouch.v1.RunSessionRequest\x1a\x1f.pretouch.v1.RunSessionResponse(\x01\x30\x01\x62\x06proto3'
+)
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
-_builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'pretouch.v1.orchestrator_pb2', _globals)
+_builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, "pretouch.v1.orchestrator_pb2", _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
-  DESCRIPTOR._loaded_options = None
-  _globals['_SESSIONSTATE']._serialized_start=3881
-  _globals['_SESSIONSTATE']._serialized_end=4072
-  _globals['_TOLERANCE']._serialized_start=73
-  _globals['_TOLERANCE']._serialized_end=154
-  _globals['_BUDGET']._serialized_start=156
-  _globals['_BUDGET']._serialized_end=264
-  _globals['_SCANSETTINGS']._serialized_start=266
-  _globals['_SCANSETTINGS']._serialized_end=380
-  _globals['_ROI']._serialized_start=382
-  _globals['_ROI']._serialized_end=435
-  _globals['_CREATESESSIONREQUEST']._serialized_start=438
-  _globals['_CREATESESSIONREQUEST']._serialized_end=1073
-  _globals['_REGION']._serialized_start=1075
-  _globals['_REGION']._serialized_end=1182
-  _globals['_SCANPLAN']._serialized_start=1185
-  _globals['_SCANPLAN']._serialized_end=1398
-  _globals['_SCANSUMMARY']._serialized_start=1401
-  _globals['_SCANSUMMARY']._serialized_end=1578
-  _globals['_BUDGETUSED']._serialized_start=1580
-  _globals['_BUDGETUSED']._serialized_end=1642
-  _globals['_SESSIONWARNING']._serialized_start=1644
-  _globals['_SESSIONWARNING']._serialized_end=1706
-  _globals['_SESSION']._serialized_start=1709
-  _globals['_SESSION']._serialized_end=2155
-  _globals['_CREATESESSIONRESPONSE']._serialized_start=2157
-  _globals['_CREATESESSIONRESPONSE']._serialized_end=2219
-  _globals['_GETSESSIONREQUEST']._serialized_start=2221
-  _globals['_GETSESSIONREQUEST']._serialized_end=2260
-  _globals['_GETSESSIONRESPONSE']._serialized_start=2262
-  _globals['_GETSESSIONRESPONSE']._serialized_end=2321
-  _globals['_LISTSESSIONSREQUEST']._serialized_start=2323
-  _globals['_LISTSESSIONSREQUEST']._serialized_end=2390
-  _globals['_LISTSESSIONSRESPONSE']._serialized_start=2392
-  _globals['_LISTSESSIONSRESPONSE']._serialized_end=2468
-  _globals['_POINTS']._serialized_start=2470
-  _globals['_POINTS']._serialized_end=2514
-  _globals['_GATEWAYSPAN']._serialized_start=2516
-  _globals['_GATEWAYSPAN']._serialized_end=2571
-  _globals['_SKIPPED']._serialized_start=2573
-  _globals['_SKIPPED']._serialized_end=2637
-  _globals['_SUBMITSCANREQUEST']._serialized_start=2640
-  _globals['_SUBMITSCANREQUEST']._serialized_end=2872
-  _globals['_SUBMITSCANRESPONSE']._serialized_start=2874
-  _globals['_SUBMITSCANRESPONSE']._serialized_end=2933
-  _globals['_SAMPLECHUNK']._serialized_start=2935
-  _globals['_SAMPLECHUNK']._serialized_end=3001
-  _globals['_TELLSAMPLESREQUEST']._serialized_start=3004
-  _globals['_TELLSAMPLESREQUEST']._serialized_end=3160
-  _globals['_SCANPROGRESS']._serialized_start=3162
-  _globals['_SCANPROGRESS']._serialized_end=3254
-  _globals['_TELLSAMPLESRESPONSE']._serialized_start=3256
-  _globals['_TELLSAMPLESRESPONSE']._serialized_end=3322
-  _globals['_CANCELSESSIONREQUEST']._serialized_start=3324
-  _globals['_CANCELSESSIONREQUEST']._serialized_end=3381
-  _globals['_CANCELSESSIONRESPONSE']._serialized_start=3383
-  _globals['_CANCELSESSIONRESPONSE']._serialized_end=3445
-  _globals['_STREAMEVENTSREQUEST']._serialized_start=3447
-  _globals['_STREAMEVENTSREQUEST']._serialized_end=3503
-  _globals['_STREAMEVENTSRESPONSE']._serialized_start=3505
-  _globals['_STREAMEVENTSRESPONSE']._serialized_end=3567
-  _globals['_RUNSESSIONREQUEST']._serialized_start=3570
-  _globals['_RUNSESSIONREQUEST']._serialized_end=3772
-  _globals['_RUNSESSIONRESPONSE']._serialized_start=3774
-  _globals['_RUNSESSIONRESPONSE']._serialized_end=3878
-  _globals['_ORCHESTRATORSERVICE']._serialized_start=4075
-  _globals['_ORCHESTRATORSERVICE']._serialized_end=4767
+    DESCRIPTOR._loaded_options = None
+    _globals["_SESSIONSTATE"]._serialized_start = 3881
+    _globals["_SESSIONSTATE"]._serialized_end = 4072
+    _globals["_TOLERANCE"]._serialized_start = 73
+    _globals["_TOLERANCE"]._serialized_end = 154
+    _globals["_BUDGET"]._serialized_start = 156
+    _globals["_BUDGET"]._serialized_end = 264
+    _globals["_SCANSETTINGS"]._serialized_start = 266
+    _globals["_SCANSETTINGS"]._serialized_end = 380
+    _globals["_ROI"]._serialized_start = 382
+    _globals["_ROI"]._serialized_end = 435
+    _globals["_CREATESESSIONREQUEST"]._serialized_start = 438
+    _globals["_CREATESESSIONREQUEST"]._serialized_end = 1073
+    _globals["_REGION"]._serialized_start = 1075
+    _globals["_REGION"]._serialized_end = 1182
+    _globals["_SCANPLAN"]._serialized_start = 1185
+    _globals["_SCANPLAN"]._serialized_end = 1398
+    _globals["_SCANSUMMARY"]._serialized_start = 1401
+    _globals["_SCANSUMMARY"]._serialized_end = 1578
+    _globals["_BUDGETUSED"]._serialized_start = 1580
+    _globals["_BUDGETUSED"]._serialized_end = 1642
+    _globals["_SESSIONWARNING"]._serialized_start = 1644
+    _globals["_SESSIONWARNING"]._serialized_end = 1706
+    _globals["_SESSION"]._serialized_start = 1709
+    _globals["_SESSION"]._serialized_end = 2155
+    _globals["_CREATESESSIONRESPONSE"]._serialized_start = 2157
+    _globals["_CREATESESSIONRESPONSE"]._serialized_end = 2219
+    _globals["_GETSESSIONREQUEST"]._serialized_start = 2221
+    _globals["_GETSESSIONREQUEST"]._serialized_end = 2260
+    _globals["_GETSESSIONRESPONSE"]._serialized_start = 2262
+    _globals["_GETSESSIONRESPONSE"]._serialized_end = 2321
+    _globals["_LISTSESSIONSREQUEST"]._serialized_start = 2323
+    _globals["_LISTSESSIONSREQUEST"]._serialized_end = 2390
+    _globals["_LISTSESSIONSRESPONSE"]._serialized_start = 2392
+    _globals["_LISTSESSIONSRESPONSE"]._serialized_end = 2468
+    _globals["_POINTS"]._serialized_start = 2470
+    _globals["_POINTS"]._serialized_end = 2514
+    _globals["_GATEWAYSPAN"]._serialized_start = 2516
+    _globals["_GATEWAYSPAN"]._serialized_end = 2571
+    _globals["_SKIPPED"]._serialized_start = 2573
+    _globals["_SKIPPED"]._serialized_end = 2637
+    _globals["_SUBMITSCANREQUEST"]._serialized_start = 2640
+    _globals["_SUBMITSCANREQUEST"]._serialized_end = 2872
+    _globals["_SUBMITSCANRESPONSE"]._serialized_start = 2874
+    _globals["_SUBMITSCANRESPONSE"]._serialized_end = 2933
+    _globals["_SAMPLECHUNK"]._serialized_start = 2935
+    _globals["_SAMPLECHUNK"]._serialized_end = 3001
+    _globals["_TELLSAMPLESREQUEST"]._serialized_start = 3004
+    _globals["_TELLSAMPLESREQUEST"]._serialized_end = 3160
+    _globals["_SCANPROGRESS"]._serialized_start = 3162
+    _globals["_SCANPROGRESS"]._serialized_end = 3254
+    _globals["_TELLSAMPLESRESPONSE"]._serialized_start = 3256
+    _globals["_TELLSAMPLESRESPONSE"]._serialized_end = 3322
+    _globals["_CANCELSESSIONREQUEST"]._serialized_start = 3324
+    _globals["_CANCELSESSIONREQUEST"]._serialized_end = 3381
+    _globals["_CANCELSESSIONRESPONSE"]._serialized_start = 3383
+    _globals["_CANCELSESSIONRESPONSE"]._serialized_end = 3445
+    _globals["_STREAMEVENTSREQUEST"]._serialized_start = 3447
+    _globals["_STREAMEVENTSREQUEST"]._serialized_end = 3503
+    _globals["_STREAMEVENTSRESPONSE"]._serialized_start = 3505
+    _globals["_STREAMEVENTSRESPONSE"]._serialized_end = 3567
+    _globals["_RUNSESSIONREQUEST"]._serialized_start = 3570
+    _globals["_RUNSESSIONREQUEST"]._serialized_end = 3772
+    _globals["_RUNSESSIONRESPONSE"]._serialized_start = 3774
+    _globals["_RUNSESSIONRESPONSE"]._serialized_end = 3878
+    _globals["_ORCHESTRATORSERVICE"]._serialized_start = 4075
+    _globals["_ORCHESTRATORSERVICE"]._serialized_end = 4767
 # @@protoc_insertion_point(module_scope)

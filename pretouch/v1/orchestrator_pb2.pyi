@@ -78,9 +78,13 @@ class Tolerance(_message.Message):
         error: _builtins.float | None = ...,
         confidence: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_confidence", b"_confidence", "_error", b"_error", "confidence", b"confidence", "error", b"error"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "_confidence", b"_confidence", "_error", b"_error", "confidence", b"confidence", "error", b"error"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_confidence", b"_confidence", "_error", b"_error", "confidence", b"confidence", "error", b"error"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_confidence", b"_confidence", "_error", b"_error", "confidence", b"confidence", "error", b"error"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__confidence: _TypeAlias = _typing.Literal["confidence"]  # noqa: Y015
     _WhichOneofArgType__confidence: _TypeAlias = _typing.Literal["_confidence", b"_confidence"]  # noqa: Y015
@@ -115,9 +119,35 @@ class Budget(_message.Message):
         seconds: _builtins.float | None = ...,
         fraction: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_fraction", b"_fraction", "_scans", b"_scans", "_seconds", b"_seconds", "fraction", b"fraction", "scans", b"scans", "seconds", b"seconds"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "_fraction",
+        b"_fraction",
+        "_scans",
+        b"_scans",
+        "_seconds",
+        b"_seconds",
+        "fraction",
+        b"fraction",
+        "scans",
+        b"scans",
+        "seconds",
+        b"seconds",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_fraction", b"_fraction", "_scans", b"_scans", "_seconds", b"_seconds", "fraction", b"fraction", "scans", b"scans", "seconds", b"seconds"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_fraction",
+        b"_fraction",
+        "_scans",
+        b"_scans",
+        "_seconds",
+        b"_seconds",
+        "fraction",
+        b"fraction",
+        "scans",
+        b"scans",
+        "seconds",
+        b"seconds",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__fraction: _TypeAlias = _typing.Literal["fraction"]  # noqa: Y015
     _WhichOneofArgType__fraction: _TypeAlias = _typing.Literal["_fraction", b"_fraction"]  # noqa: Y015
@@ -158,9 +188,35 @@ class ScanSettings(_message.Message):
         speed: _builtins.float | None = ...,
         guarded: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_guarded", b"_guarded", "_speed", b"_speed", "_standoff", b"_standoff", "guarded", b"guarded", "speed", b"speed", "standoff", b"standoff"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "_guarded",
+        b"_guarded",
+        "_speed",
+        b"_speed",
+        "_standoff",
+        b"_standoff",
+        "guarded",
+        b"guarded",
+        "speed",
+        b"speed",
+        "standoff",
+        b"standoff",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_guarded", b"_guarded", "_speed", b"_speed", "_standoff", b"_standoff", "guarded", b"guarded", "speed", b"speed", "standoff", b"standoff"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_guarded",
+        b"_guarded",
+        "_speed",
+        b"_speed",
+        "_standoff",
+        b"_standoff",
+        "guarded",
+        b"guarded",
+        "speed",
+        b"speed",
+        "standoff",
+        b"standoff",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__guarded: _TypeAlias = _typing.Literal["guarded"]  # noqa: Y015
     _WhichOneofArgType__guarded: _TypeAlias = _typing.Literal["_guarded", b"_guarded"]  # noqa: Y015
@@ -319,9 +375,89 @@ class CreateSessionRequest(_message.Message):
         width: _builtins.int | None = ...,
         height: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "mask", b"mask", "prior", b"prior", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "_depth_scale",
+        b"_depth_scale",
+        "_height",
+        b"_height",
+        "_width",
+        b"_width",
+        "base_t_camera",
+        b"base_t_camera",
+        "base_t_object",
+        b"base_t_object",
+        "budget",
+        b"budget",
+        "camera",
+        b"camera",
+        "depth",
+        b"depth",
+        "depth_scale",
+        b"depth_scale",
+        "height",
+        b"height",
+        "mask",
+        b"mask",
+        "prior",
+        b"prior",
+        "roi",
+        b"roi",
+        "scan",
+        b"scan",
+        "sensor",
+        b"sensor",
+        "table",
+        b"table",
+        "tolerance",
+        b"tolerance",
+        "width",
+        b"width",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "idempotency_key", b"idempotency_key", "mask", b"mask", "planner", b"planner", "prior", b"prior", "proposer", b"proposer", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_depth_scale",
+        b"_depth_scale",
+        "_height",
+        b"_height",
+        "_width",
+        b"_width",
+        "base_t_camera",
+        b"base_t_camera",
+        "base_t_object",
+        b"base_t_object",
+        "budget",
+        b"budget",
+        "camera",
+        b"camera",
+        "depth",
+        b"depth",
+        "depth_scale",
+        b"depth_scale",
+        "height",
+        b"height",
+        "idempotency_key",
+        b"idempotency_key",
+        "mask",
+        b"mask",
+        "planner",
+        b"planner",
+        "prior",
+        b"prior",
+        "proposer",
+        b"proposer",
+        "roi",
+        b"roi",
+        "scan",
+        b"scan",
+        "sensor",
+        b"sensor",
+        "table",
+        b"table",
+        "tolerance",
+        b"tolerance",
+        "width",
+        b"width",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__depth_scale: _TypeAlias = _typing.Literal["depth_scale"]  # noqa: Y015
     _WhichOneofArgType__depth_scale: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale"]  # noqa: Y015
@@ -368,7 +504,9 @@ class Region(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["rectangle", b"rectangle"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["confidence", b"confidence", "expected_error", b"expected_error", "id", b"id", "rectangle", b"rectangle"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "confidence", b"confidence", "expected_error", b"expected_error", "id", b"id", "rectangle", b"rectangle"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -424,9 +562,30 @@ class ScanPlan(_message.Message):
         path_id: _builtins.str = ...,
         expected_returns: _builtins.float = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_region_id", b"_region_id", "base_t_tip", b"base_t_tip", "region_id", b"region_id", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "_region_id", b"_region_id", "base_t_tip", b"base_t_tip", "region_id", b"region_id", "t", b"t"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_region_id", b"_region_id", "base_t_tip", b"base_t_tip", "duration", b"duration", "expected_returns", b"expected_returns", "length", b"length", "path_id", b"path_id", "region_id", b"region_id", "scan_id", b"scan_id", "t", b"t"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_region_id",
+        b"_region_id",
+        "base_t_tip",
+        b"base_t_tip",
+        "duration",
+        b"duration",
+        "expected_returns",
+        b"expected_returns",
+        "length",
+        b"length",
+        "path_id",
+        b"path_id",
+        "region_id",
+        b"region_id",
+        "scan_id",
+        b"scan_id",
+        "t",
+        b"t",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__region_id: _TypeAlias = _typing.Literal["region_id"]  # noqa: Y015
     _WhichOneofArgType__region_id: _TypeAlias = _typing.Literal["_region_id", b"_region_id"]  # noqa: Y015
@@ -478,7 +637,26 @@ class ScanSummary(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_region_id", b"_region_id", "region_id", b"region_id"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_region_id", b"_region_id", "duration", b"duration", "expected_error", b"expected_error", "length", b"length", "path_id", b"path_id", "region_id", b"region_id", "returns", b"returns", "samples", b"samples", "scan_id", b"scan_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_region_id",
+        b"_region_id",
+        "duration",
+        b"duration",
+        "expected_error",
+        b"expected_error",
+        "length",
+        b"length",
+        "path_id",
+        b"path_id",
+        "region_id",
+        b"region_id",
+        "returns",
+        b"returns",
+        "samples",
+        b"samples",
+        "scan_id",
+        b"scan_id",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__region_id: _TypeAlias = _typing.Literal["region_id"]  # noqa: Y015
     _WhichOneofArgType__region_id: _TypeAlias = _typing.Literal["_region_id", b"_region_id"]  # noqa: Y015
@@ -628,9 +806,47 @@ class Session(_message.Message):
         warnings: _abc.Iterable[Global___SessionWarning] | None = ...,
         table: _common_pb2.Plane | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "budget_used", b"budget_used", "estimate", b"estimate", "next_scan", b"next_scan", "table", b"table"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "base_t_object",
+        b"base_t_object",
+        "budget_used",
+        b"budget_used",
+        "estimate",
+        b"estimate",
+        "next_scan",
+        b"next_scan",
+        "table",
+        b"table",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "budget_used", b"budget_used", "estimate", b"estimate", "id", b"id", "next_scan", b"next_scan", "planner", b"planner", "proposer", b"proposer", "reason", b"reason", "regions", b"regions", "scans", b"scans", "state", b"state", "table", b"table", "warnings", b"warnings"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "base_t_object",
+        b"base_t_object",
+        "budget_used",
+        b"budget_used",
+        "estimate",
+        b"estimate",
+        "id",
+        b"id",
+        "next_scan",
+        b"next_scan",
+        "planner",
+        b"planner",
+        "proposer",
+        b"proposer",
+        "reason",
+        b"reason",
+        "regions",
+        b"regions",
+        "scans",
+        b"scans",
+        "state",
+        b"state",
+        "table",
+        b"table",
+        "warnings",
+        b"warnings",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -883,9 +1099,26 @@ class SubmitScanRequest(_message.Message):
         gateway: Global___GatewaySpan | None = ...,
         skipped: Global___Skipped | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["gateway", b"gateway", "points", b"points", "result", b"result", "samples", b"samples", "skipped", b"skipped"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "gateway", b"gateway", "points", b"points", "result", b"result", "samples", b"samples", "skipped", b"skipped"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["gateway", b"gateway", "points", b"points", "result", b"result", "samples", b"samples", "scan_id", b"scan_id", "session_id", b"session_id", "skipped", b"skipped"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "gateway",
+        b"gateway",
+        "points",
+        b"points",
+        "result",
+        b"result",
+        "samples",
+        b"samples",
+        "scan_id",
+        b"scan_id",
+        "session_id",
+        b"session_id",
+        "skipped",
+        b"skipped",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_result: _TypeAlias = _typing.Literal["samples", "points", "gateway", "skipped"]  # noqa: Y015
     _WhichOneofArgType_result: _TypeAlias = _typing.Literal["result", b"result"]  # noqa: Y015
@@ -974,7 +1207,18 @@ class TellSamplesRequest(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["chunk", b"chunk", "gateway", b"gateway", "telling", b"telling"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["chunk", b"chunk", "gateway", b"gateway", "scan_id", b"scan_id", "session_id", b"session_id", "telling", b"telling"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "chunk",
+        b"chunk",
+        "gateway",
+        b"gateway",
+        "scan_id",
+        b"scan_id",
+        "session_id",
+        b"session_id",
+        "telling",
+        b"telling",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_telling: _TypeAlias = _typing.Literal["chunk", "gateway"]  # noqa: Y015
     _WhichOneofArgType_telling: _TypeAlias = _typing.Literal["telling", b"telling"]  # noqa: Y015
@@ -1010,7 +1254,9 @@ class ScanProgress(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["enough", b"enough", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "told", b"told"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "enough", b"enough", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "told", b"told"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1178,9 +1424,13 @@ class RunSessionRequest(_message.Message):
         scan: Global___SubmitScanRequest | None = ...,
         samples: Global___TellSamplesRequest | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["create", b"create", "samples", b"samples", "scan", b"scan", "session_id", b"session_id", "step", b"step"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "create", b"create", "samples", b"samples", "scan", b"scan", "session_id", b"session_id", "step", b"step"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["create", b"create", "samples", b"samples", "scan", b"scan", "session_id", b"session_id", "step", b"step"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "create", b"create", "samples", b"samples", "scan", b"scan", "session_id", b"session_id", "step", b"step"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_step: _TypeAlias = _typing.Literal["create", "session_id", "scan", "samples"]  # noqa: Y015
     _WhichOneofArgType_step: _TypeAlias = _typing.Literal["step", b"step"]  # noqa: Y015

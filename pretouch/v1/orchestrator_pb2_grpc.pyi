@@ -23,7 +23,6 @@ else:
 _T = _typing.TypeVar("_T")
 
 class _MaybeAsyncIterator(_abc.AsyncIterator[_T], _abc.Iterator[_T], metaclass=_abc_1.ABCMeta): ...
-
 class _ServicerContext(_grpc.ServicerContext, _aio.ServicerContext):  # type: ignore[misc, type-arg]
     ...
 
@@ -37,23 +36,35 @@ class OrchestratorServiceStub:
     def __new__(cls, channel: _grpc.Channel) -> _Self: ...
     @_typing.overload
     def __new__(cls, channel: _aio.Channel) -> OrchestratorServiceAsyncStub: ...
-    CreateSession: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.CreateSessionRequest, _orchestrator_pb2.CreateSessionResponse]
+    CreateSession: _grpc.UnaryUnaryMultiCallable[
+        _orchestrator_pb2.CreateSessionRequest, _orchestrator_pb2.CreateSessionResponse
+    ]
     """Creates a session for one object in one depth image."""
     GetSession: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.GetSessionRequest, _orchestrator_pb2.GetSessionResponse]
     """Returns the present state of a session."""
-    ListSessions: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.ListSessionsRequest, _orchestrator_pb2.ListSessionsResponse]
+    ListSessions: _grpc.UnaryUnaryMultiCallable[
+        _orchestrator_pb2.ListSessionsRequest, _orchestrator_pb2.ListSessionsResponse
+    ]
     """Lists sessions, the newest first, in pages."""
     SubmitScan: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.SubmitScanRequest, _orchestrator_pb2.SubmitScanResponse]
     """Takes the result of a scan and returns the session with its next plan. Repeating a scan returns the present
     session.
     """
-    TellSamples: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.TellSamplesRequest, _orchestrator_pb2.TellSamplesResponse]
+    TellSamples: _grpc.UnaryUnaryMultiCallable[
+        _orchestrator_pb2.TellSamplesRequest, _orchestrator_pb2.TellSamplesResponse
+    ]
     """Takes samples of a scan while the robot moves, and says whether they are enough. Repeating a chunk changes nothing."""
-    CancelSession: _grpc.UnaryUnaryMultiCallable[_orchestrator_pb2.CancelSessionRequest, _orchestrator_pb2.CancelSessionResponse]
+    CancelSession: _grpc.UnaryUnaryMultiCallable[
+        _orchestrator_pb2.CancelSessionRequest, _orchestrator_pb2.CancelSessionResponse
+    ]
     """Cancels a session at once, whatever step is under way; one that has ended keeps its state."""
-    StreamEvents: _grpc.UnaryStreamMultiCallable[_orchestrator_pb2.StreamEventsRequest, _orchestrator_pb2.StreamEventsResponse]
+    StreamEvents: _grpc.UnaryStreamMultiCallable[
+        _orchestrator_pb2.StreamEventsRequest, _orchestrator_pb2.StreamEventsResponse
+    ]
     """Streams the session's events, from its start or after an id, until it ends."""
-    RunSession: _grpc.StreamStreamMultiCallable[_orchestrator_pb2.RunSessionRequest, _orchestrator_pb2.RunSessionResponse]
+    RunSession: _grpc.StreamStreamMultiCallable[
+        _orchestrator_pb2.RunSessionRequest, _orchestrator_pb2.RunSessionResponse
+    ]
     """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
     and samples of scans under way, answered with the scan's progress.
     """
@@ -63,23 +74,35 @@ class OrchestratorServiceAsyncStub(OrchestratorServiceStub):
     """Drives scan-until-converged sessions."""
 
     def __init__(self, channel: _aio.Channel) -> None: ...
-    CreateSession: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.CreateSessionRequest, _orchestrator_pb2.CreateSessionResponse]  # type: ignore[assignment]
+    CreateSession: _aio.UnaryUnaryMultiCallable[
+        _orchestrator_pb2.CreateSessionRequest, _orchestrator_pb2.CreateSessionResponse
+    ]  # type: ignore[assignment]
     """Creates a session for one object in one depth image."""
     GetSession: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.GetSessionRequest, _orchestrator_pb2.GetSessionResponse]  # type: ignore[assignment]
     """Returns the present state of a session."""
-    ListSessions: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.ListSessionsRequest, _orchestrator_pb2.ListSessionsResponse]  # type: ignore[assignment]
+    ListSessions: _aio.UnaryUnaryMultiCallable[
+        _orchestrator_pb2.ListSessionsRequest, _orchestrator_pb2.ListSessionsResponse
+    ]  # type: ignore[assignment]
     """Lists sessions, the newest first, in pages."""
     SubmitScan: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.SubmitScanRequest, _orchestrator_pb2.SubmitScanResponse]  # type: ignore[assignment]
     """Takes the result of a scan and returns the session with its next plan. Repeating a scan returns the present
     session.
     """
-    TellSamples: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.TellSamplesRequest, _orchestrator_pb2.TellSamplesResponse]  # type: ignore[assignment]
+    TellSamples: _aio.UnaryUnaryMultiCallable[
+        _orchestrator_pb2.TellSamplesRequest, _orchestrator_pb2.TellSamplesResponse
+    ]  # type: ignore[assignment]
     """Takes samples of a scan while the robot moves, and says whether they are enough. Repeating a chunk changes nothing."""
-    CancelSession: _aio.UnaryUnaryMultiCallable[_orchestrator_pb2.CancelSessionRequest, _orchestrator_pb2.CancelSessionResponse]  # type: ignore[assignment]
+    CancelSession: _aio.UnaryUnaryMultiCallable[
+        _orchestrator_pb2.CancelSessionRequest, _orchestrator_pb2.CancelSessionResponse
+    ]  # type: ignore[assignment]
     """Cancels a session at once, whatever step is under way; one that has ended keeps its state."""
-    StreamEvents: _aio.UnaryStreamMultiCallable[_orchestrator_pb2.StreamEventsRequest, _orchestrator_pb2.StreamEventsResponse]  # type: ignore[assignment]
+    StreamEvents: _aio.UnaryStreamMultiCallable[
+        _orchestrator_pb2.StreamEventsRequest, _orchestrator_pb2.StreamEventsResponse
+    ]  # type: ignore[assignment]
     """Streams the session's events, from its start or after an id, until it ends."""
-    RunSession: _aio.StreamStreamMultiCallable[_orchestrator_pb2.RunSessionRequest, _orchestrator_pb2.RunSessionResponse]  # type: ignore[assignment]
+    RunSession: _aio.StreamStreamMultiCallable[
+        _orchestrator_pb2.RunSessionRequest, _orchestrator_pb2.RunSessionResponse
+    ]  # type: ignore[assignment]
     """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
     and samples of scans under way, answered with the scan's progress.
     """
@@ -92,7 +115,9 @@ class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
         self,
         request: _orchestrator_pb2.CreateSessionRequest,
         context: _ServicerContext,
-    ) -> _typing.Union[_orchestrator_pb2.CreateSessionResponse, _abc.Awaitable[_orchestrator_pb2.CreateSessionResponse]]:
+    ) -> _typing.Union[
+        _orchestrator_pb2.CreateSessionResponse, _abc.Awaitable[_orchestrator_pb2.CreateSessionResponse]
+    ]:
         """Creates a session for one object in one depth image."""
 
     @_abc_1.abstractmethod
@@ -134,7 +159,9 @@ class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
         self,
         request: _orchestrator_pb2.CancelSessionRequest,
         context: _ServicerContext,
-    ) -> _typing.Union[_orchestrator_pb2.CancelSessionResponse, _abc.Awaitable[_orchestrator_pb2.CancelSessionResponse]]:
+    ) -> _typing.Union[
+        _orchestrator_pb2.CancelSessionResponse, _abc.Awaitable[_orchestrator_pb2.CancelSessionResponse]
+    ]:
         """Cancels a session at once, whatever step is under way; one that has ended keeps its state."""
 
     @_abc_1.abstractmethod
@@ -142,7 +169,10 @@ class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
         self,
         request: _orchestrator_pb2.StreamEventsRequest,
         context: _ServicerContext,
-    ) -> _typing.Union[_abc.Iterator[_orchestrator_pb2.StreamEventsResponse], _abc.AsyncIterator[_orchestrator_pb2.StreamEventsResponse]]:
+    ) -> _typing.Union[
+        _abc.Iterator[_orchestrator_pb2.StreamEventsResponse],
+        _abc.AsyncIterator[_orchestrator_pb2.StreamEventsResponse],
+    ]:
         """Streams the session's events, from its start or after an id, until it ends."""
 
     @_abc_1.abstractmethod
@@ -150,9 +180,13 @@ class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
         self,
         request_iterator: _MaybeAsyncIterator[_orchestrator_pb2.RunSessionRequest],
         context: _ServicerContext,
-    ) -> _typing.Union[_abc.Iterator[_orchestrator_pb2.RunSessionResponse], _abc.AsyncIterator[_orchestrator_pb2.RunSessionResponse]]:
+    ) -> _typing.Union[
+        _abc.Iterator[_orchestrator_pb2.RunSessionResponse], _abc.AsyncIterator[_orchestrator_pb2.RunSessionResponse]
+    ]:
         """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
         and samples of scans under way, answered with the scan's progress.
         """
 
-def add_OrchestratorServiceServicer_to_server(servicer: OrchestratorServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]) -> None: ...
+def add_OrchestratorServiceServicer_to_server(
+    servicer: OrchestratorServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]
+) -> None: ...

@@ -91,9 +91,33 @@ class RegisterRequest(_message.Message):
         scans: _abc.Iterable[_common_pb2.Scan] | None = ...,
         settings: Global___RegistrationSettings | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scene", b"scene", "scene_digest", b"scene_digest", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "mesh",
+        b"mesh",
+        "scene",
+        b"scene",
+        "scene_digest",
+        b"scene_digest",
+        "settings",
+        b"settings",
+        "target",
+        b"target",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scans", b"scans", "scene", b"scene", "scene_digest", b"scene_digest", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "mesh",
+        b"mesh",
+        "scans",
+        b"scans",
+        "scene",
+        b"scene",
+        "scene_digest",
+        b"scene_digest",
+        "settings",
+        b"settings",
+        "target",
+        b"target",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene", "mesh", "scene_digest"]  # noqa: Y015
     _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
@@ -151,9 +175,13 @@ class RegisterStreamRequest(_message.Message):
         scene_chunk: _builtins.bytes = ...,
         scan: _common_pb2.Scan | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["header", b"header", "scan", b"scan", "scene_chunk", b"scene_chunk", "step", b"step"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "header", b"header", "scan", b"scan", "scene_chunk", b"scene_chunk", "step", b"step"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["header", b"header", "scan", b"scan", "scene_chunk", b"scene_chunk", "step", b"step"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "header", b"header", "scan", b"scan", "scene_chunk", b"scene_chunk", "step", b"step"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_step: _TypeAlias = _typing.Literal["header", "scene_chunk", "scan"]  # noqa: Y015
     _WhichOneofArgType_step: _TypeAlias = _typing.Literal["step", b"step"]  # noqa: Y015
@@ -185,9 +213,13 @@ class RegisterStreamHeader(_message.Message):
         scene_bytes: _builtins.int = ...,
         mesh_bytes: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh_bytes", b"mesh_bytes", "scene_bytes", b"scene_bytes", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "mesh_bytes", b"mesh_bytes", "scene_bytes", b"scene_bytes", "settings", b"settings", "target", b"target"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["mesh_bytes", b"mesh_bytes", "scene_bytes", b"scene_bytes", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "mesh_bytes", b"mesh_bytes", "scene_bytes", b"scene_bytes", "settings", b"settings", "target", b"target"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene_bytes", "mesh_bytes"]  # noqa: Y015
     _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
@@ -327,9 +359,35 @@ class PredictScansRequest(_message.Message):
         settings: Global___RegistrationSettings | None = ...,
         candidates: _abc.Iterable[Global___CandidatePath] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["mesh", b"mesh", "scene", b"scene", "scene_digest", b"scene_digest", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "mesh",
+        b"mesh",
+        "scene",
+        b"scene",
+        "scene_digest",
+        b"scene_digest",
+        "settings",
+        b"settings",
+        "target",
+        b"target",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["candidates", b"candidates", "mesh", b"mesh", "scans", b"scans", "scene", b"scene", "scene_digest", b"scene_digest", "settings", b"settings", "target", b"target"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "candidates",
+        b"candidates",
+        "mesh",
+        b"mesh",
+        "scans",
+        b"scans",
+        "scene",
+        b"scene",
+        "scene_digest",
+        b"scene_digest",
+        "settings",
+        b"settings",
+        "target",
+        b"target",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_target: _TypeAlias = _typing.Literal["scene", "mesh", "scene_digest"]  # noqa: Y015
     _WhichOneofArgType_target: _TypeAlias = _typing.Literal["target", b"target"]  # noqa: Y015
@@ -363,7 +421,9 @@ class PredictScansResponse(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["expected_errors", b"expected_errors", "expected_returns", b"expected_returns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "expected_errors", b"expected_errors", "expected_returns", b"expected_returns"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

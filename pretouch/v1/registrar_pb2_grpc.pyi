@@ -19,7 +19,6 @@ else:
 _T = _typing.TypeVar("_T")
 
 class _MaybeAsyncIterator(_abc.AsyncIterator[_T], _abc.Iterator[_T], metaclass=_abc_1.ABCMeta): ...
-
 class _ServicerContext(_grpc.ServicerContext, _aio.ServicerContext):  # type: ignore[misc, type-arg]
     ...
 
@@ -37,7 +36,9 @@ class RegistrarServiceStub:
     def __new__(cls, channel: _aio.Channel) -> RegistrarServiceAsyncStub: ...
     Register: _grpc.UnaryUnaryMultiCallable[_registrar_pb2.RegisterRequest, _registrar_pb2.RegisterResponse]
     """Estimates the correction from a target and all scans so far."""
-    RegisterStream: _grpc.StreamStreamMultiCallable[_registrar_pb2.RegisterStreamRequest, _registrar_pb2.RegisterStreamResponse]
+    RegisterStream: _grpc.StreamStreamMultiCallable[
+        _registrar_pb2.RegisterStreamRequest, _registrar_pb2.RegisterStreamResponse
+    ]
     """Takes the target once, in chunks, then scans one by one; answers each scan with an estimate from all scans so far."""
     PredictScans: _grpc.UnaryUnaryMultiCallable[_registrar_pb2.PredictScansRequest, _registrar_pb2.PredictScansResponse]
     """Predicts the expected error after each candidate scan, and the share of its samples that return, given the scans so
@@ -53,7 +54,9 @@ class RegistrarServiceAsyncStub(RegistrarServiceStub):
     def __init__(self, channel: _aio.Channel) -> None: ...
     Register: _aio.UnaryUnaryMultiCallable[_registrar_pb2.RegisterRequest, _registrar_pb2.RegisterResponse]  # type: ignore[assignment]
     """Estimates the correction from a target and all scans so far."""
-    RegisterStream: _aio.StreamStreamMultiCallable[_registrar_pb2.RegisterStreamRequest, _registrar_pb2.RegisterStreamResponse]  # type: ignore[assignment]
+    RegisterStream: _aio.StreamStreamMultiCallable[
+        _registrar_pb2.RegisterStreamRequest, _registrar_pb2.RegisterStreamResponse
+    ]  # type: ignore[assignment]
     """Takes the target once, in chunks, then scans one by one; answers each scan with an estimate from all scans so far."""
     PredictScans: _aio.UnaryUnaryMultiCallable[_registrar_pb2.PredictScansRequest, _registrar_pb2.PredictScansResponse]  # type: ignore[assignment]
     """Predicts the expected error after each candidate scan, and the share of its samples that return, given the scans so
@@ -78,7 +81,9 @@ class RegistrarServiceServicer(metaclass=_abc_1.ABCMeta):
         self,
         request_iterator: _MaybeAsyncIterator[_registrar_pb2.RegisterStreamRequest],
         context: _ServicerContext,
-    ) -> _typing.Union[_abc.Iterator[_registrar_pb2.RegisterStreamResponse], _abc.AsyncIterator[_registrar_pb2.RegisterStreamResponse]]:
+    ) -> _typing.Union[
+        _abc.Iterator[_registrar_pb2.RegisterStreamResponse], _abc.AsyncIterator[_registrar_pb2.RegisterStreamResponse]
+    ]:
         """Takes the target once, in chunks, then scans one by one; answers each scan with an estimate from all scans so far."""
 
     @_abc_1.abstractmethod
@@ -91,4 +96,6 @@ class RegistrarServiceServicer(metaclass=_abc_1.ABCMeta):
         far.
         """
 
-def add_RegistrarServiceServicer_to_server(servicer: RegistrarServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]) -> None: ...
+def add_RegistrarServiceServicer_to_server(
+    servicer: RegistrarServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]
+) -> None: ...

@@ -4,18 +4,15 @@
 # source: pretouch/v1/sensor_gateway.proto
 # Protobuf Python Version: 7.35.1
 """Generated protocol buffer code."""
+
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import descriptor_pool as _descriptor_pool
 from google.protobuf import runtime_version as _runtime_version
 from google.protobuf import symbol_database as _symbol_database
 from google.protobuf.internal import builder as _builder
+
 _runtime_version.ValidateProtobufRuntimeVersion(
-    _runtime_version.Domain.PUBLIC,
-    7,
-    35,
-    1,
-    '',
-    'pretouch/v1/sensor_gateway.proto'
+    _runtime_version.Domain.PUBLIC, 7, 35, 1, "", "pretouch/v1/sensor_gateway.proto"
 )
 # @@protoc_insertion_point(imports)
 
@@ -25,63 +22,65 @@ _sym_db = _symbol_database.Default()
 from pretouch.v1 import common_pb2 as pretouch_dot_v1_dot_common__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n pretouch/v1/sensor_gateway.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"\x14\n\x12ListDevicesRequest\";\n\x13ListDevicesResponse\x12$\n\x07\x64\x65vices\x18\x01 \x03(\x0b\x32\x13.pretouch.v1.Device\"\x97\x01\n\x06\x44\x65vice\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04port\x18\x02 \x01(\t\x12\'\n\x05state\x18\x03 \x01(\x0e\x32\x18.pretouch.v1.DeviceState\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nbad_frames\x18\x05 \x01(\x04\x12\x13\n\x0blost_frames\x18\x06 \x01(\x04\x12\x0f\n\x07problem\x18\x07 \x01(\t\"\"\n\x10GetStatusRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\"d\n\x0b\x43lockStatus\x12\x14\n\x0csynchronised\x18\x01 \x01(\x08\x12\r\n\x05\x64rift\x18\x02 \x01(\x01\x12\x0b\n\x03std\x18\x03 \x01(\x01\x12\x12\n\nround_trip\x18\x04 \x01(\x01\x12\x0f\n\x07latency\x18\x05 \x01(\x01\"c\n\x0cModuleStatus\x12\r\n\x05range\x18\x01 \x01(\x01\x12\x0e\n\x06status\x18\x02 \x01(\r\x12\x14\n\x0cmeasurements\x18\x03 \x01(\x04\x12\x0f\n\x07returns\x18\x04 \x01(\x04\x12\r\n\x05jumps\x18\x05 \x01(\x04\"\x80\x01\n\x0fRecordingStatus\x12\n\n\x02on\x18\x01 \x01(\x08\x12\x0c\n\x04path\x18\x02 \x01(\t\x12\r\n\x05\x62ytes\x18\x03 \x01(\x04\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nunrecorded\x18\x05 \x01(\x04\x12\x0f\n\x07problem\x18\x06 \x01(\t\x12\x0f\n\x07pending\x18\x07 \x01(\x04\"M\n\x08Identity\x12\x0e\n\x06serial\x18\x01 \x01(\t\x12\x10\n\x08\x66irmware\x18\x02 \x01(\t\x12\x0f\n\x07modules\x18\x03 \x01(\r\x12\x0e\n\x06period\x18\x04 \x01(\x01\"\xa1\x04\n\x11GetStatusResponse\x12#\n\x06\x64\x65vice\x18\x01 \x01(\x0b\x32\x13.pretouch.v1.Device\x12\x0e\n\x06\x66ormat\x18\x02 \x01(\t\x12\'\n\x08identity\x18\x03 \x01(\x0b\x32\x15.pretouch.v1.Identity\x12\r\n\x05\x65poch\x18\x04 \x01(\r\x12\x13\n\x0b\x63onnections\x18\x05 \x01(\x04\x12<\n\x07refused\x18\x06 \x03(\x0b\x32+.pretouch.v1.GetStatusResponse.RefusedEntry\x12\x0f\n\x07untimed\x18\x07 \x01(\x04\x12\x0c\n\x04rate\x18\x08 \x01(\x01\x12\'\n\x05\x63lock\x18\t \x01(\x0b\x32\x18.pretouch.v1.ClockStatus\x12*\n\x07modules\x18\n \x03(\x0b\x32\x19.pretouch.v1.ModuleStatus\x12/\n\trecording\x18\x0b \x01(\x0b\x32\x1c.pretouch.v1.RecordingStatus\x12\x13\n\x0bsubscribers\x18\x0c \x01(\r\x12\x0f\n\x07overrun\x18\r \x01(\x04\x12\x18\n\x10host_clock_jumps\x18\x0e \x01(\x04\x12\x37\n\rconfiguration\x18\x0f \x01(\x0b\x32 .pretouch.v1.DeviceConfiguration\x1a.\n\x0cRefusedEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x04:\x02\x38\x01\"e\n\x11ModuleCalibration\x12\x0e\n\x06offset\x18\x01 \x01(\x01\x12\r\n\x05scale\x18\x02 \x01(\x01\x12\x11\n\tcrosstalk\x18\x03 \x01(\x01\x12\x0b\n\x03std\x18\x04 \x01(\x01\x12\x11\n\tstd_slope\x18\x05 \x01(\x01\"_\n\x0b\x43\x61libration\x12\x0e\n\x06serial\x18\x01 \x01(\t\x12\x0f\n\x07warm_up\x18\x02 \x01(\x01\x12/\n\x07modules\x18\x03 \x03(\x0b\x32\x1e.pretouch.v1.ModuleCalibration\"\x80\x01\n\x13\x44\x65viceConfiguration\x12\'\n\x0ctip_t_module\x18\x01 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12-\n\x0b\x63\x61libration\x18\x02 \x01(\x0b\x32\x18.pretouch.v1.Calibration\x12\x11\n\trecording\x18\x03 \x01(\x08\"\xb5\x01\n\x10\x43onfigureRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\x32\n\x0b\x63\x61libration\x18\x03 \x01(\x0b\x32\x18.pretouch.v1.CalibrationH\x00\x88\x01\x01\x12\x16\n\trecording\x18\x04 \x01(\x08H\x01\x88\x01\x01\x42\x0e\n\x0c_calibrationB\x0c\n\n_recording\"L\n\x11\x43onfigureResponse\x12\x37\n\rconfiguration\x18\x01 \x01(\x0b\x32 .pretouch.v1.DeviceConfiguration\"%\n\x13StreamRangesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\"\x8b\x02\n\nRangeBatch\x12\x1d\n\x01t\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x10\n\x08time_std\x18\x02 \x01(\x01\x12$\n\x08sequence\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\r\n\x05\x65poch\x18\x04 \x01(\r\x12!\n\x05range\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1f\n\x03raw\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06status\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66lags\x18\x08 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\t \x01(\x04\"O\n\x14StreamRangesResponse\x12&\n\x05\x62\x61tch\x18\x01 \x01(\x0b\x32\x17.pretouch.v1.RangeBatch\x12\x0f\n\x07overrun\x18\x02 \x01(\x04\";\n\x07TipPose\x12\t\n\x01t\x18\x01 \x01(\x01\x12%\n\nbase_t_tip\x18\x02 \x01(\x0b\x32\x11.pretouch.v1.Pose\"w\n\x13StreamPointsRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\'\n\ttip_poses\x18\x03 \x03(\x0b\x32\x14.pretouch.v1.TipPose\"\xa2\x02\n\x14StreamPointsResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples\x12\"\n\x06points\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\x03 \x01(\x04\x12\x0f\n\x07unposed\x18\x04 \x01(\x04\x12#\n\x07origins\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\ndirections\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1f\n\x03std\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66lags\x18\x08 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0f\n\x07overrun\x18\t \x01(\x04\"=\n\x11GetSamplesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\x0c\n\x04\x66rom\x18\x02 \x01(\x01\x12\n\n\x02to\x18\x03 \x01(\x01\";\n\x12GetSamplesResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples*\x95\x01\n\x0b\x44\x65viceState\x12\x1c\n\x18\x44\x45VICE_STATE_UNSPECIFIED\x10\x00\x12\x1b\n\x17\x44\x45VICE_STATE_CONNECTING\x10\x01\x12\x1a\n\x16\x44\x45VICE_STATE_STREAMING\x10\x02\x12\x17\n\x13\x44\x45VICE_STATE_SILENT\x10\x03\x12\x16\n\x12\x44\x45VICE_STATE_ENDED\x10\x04\x32\xff\x03\n\x14SensorGatewayService\x12P\n\x0bListDevices\x12\x1f.pretouch.v1.ListDevicesRequest\x1a .pretouch.v1.ListDevicesResponse\x12J\n\tGetStatus\x12\x1d.pretouch.v1.GetStatusRequest\x1a\x1e.pretouch.v1.GetStatusResponse\x12J\n\tConfigure\x12\x1d.pretouch.v1.ConfigureRequest\x1a\x1e.pretouch.v1.ConfigureResponse\x12U\n\x0cStreamRanges\x12 .pretouch.v1.StreamRangesRequest\x1a!.pretouch.v1.StreamRangesResponse0\x01\x12W\n\x0cStreamPoints\x12 .pretouch.v1.StreamPointsRequest\x1a!.pretouch.v1.StreamPointsResponse(\x01\x30\x01\x12M\n\nGetSamples\x12\x1e.pretouch.v1.GetSamplesRequest\x1a\x1f.pretouch.v1.GetSamplesResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(
+    b'\n pretouch/v1/sensor_gateway.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto"\x14\n\x12ListDevicesRequest";\n\x13ListDevicesResponse\x12$\n\x07\x64\x65vices\x18\x01 \x03(\x0b\x32\x13.pretouch.v1.Device"\x97\x01\n\x06\x44\x65vice\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04port\x18\x02 \x01(\t\x12\'\n\x05state\x18\x03 \x01(\x0e\x32\x18.pretouch.v1.DeviceState\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nbad_frames\x18\x05 \x01(\x04\x12\x13\n\x0blost_frames\x18\x06 \x01(\x04\x12\x0f\n\x07problem\x18\x07 \x01(\t""\n\x10GetStatusRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t"d\n\x0b\x43lockStatus\x12\x14\n\x0csynchronised\x18\x01 \x01(\x08\x12\r\n\x05\x64rift\x18\x02 \x01(\x01\x12\x0b\n\x03std\x18\x03 \x01(\x01\x12\x12\n\nround_trip\x18\x04 \x01(\x01\x12\x0f\n\x07latency\x18\x05 \x01(\x01"c\n\x0cModuleStatus\x12\r\n\x05range\x18\x01 \x01(\x01\x12\x0e\n\x06status\x18\x02 \x01(\r\x12\x14\n\x0cmeasurements\x18\x03 \x01(\x04\x12\x0f\n\x07returns\x18\x04 \x01(\x04\x12\r\n\x05jumps\x18\x05 \x01(\x04"\x80\x01\n\x0fRecordingStatus\x12\n\n\x02on\x18\x01 \x01(\x08\x12\x0c\n\x04path\x18\x02 \x01(\t\x12\r\n\x05\x62ytes\x18\x03 \x01(\x04\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nunrecorded\x18\x05 \x01(\x04\x12\x0f\n\x07problem\x18\x06 \x01(\t\x12\x0f\n\x07pending\x18\x07 \x01(\x04"M\n\x08Identity\x12\x0e\n\x06serial\x18\x01 \x01(\t\x12\x10\n\x08\x66irmware\x18\x02 \x01(\t\x12\x0f\n\x07modules\x18\x03 \x01(\r\x12\x0e\n\x06period\x18\x04 \x01(\x01"\xc5\x04\n\x11GetStatusResponse\x12#\n\x06\x64\x65vice\x18\x01 \x01(\x0b\x32\x13.pretouch.v1.Device\x12\x0e\n\x06\x66ormat\x18\x02 \x01(\t\x12\'\n\x08identity\x18\x03 \x01(\x0b\x32\x15.pretouch.v1.Identity\x12\r\n\x05\x65poch\x18\x04 \x01(\r\x12\x13\n\x0b\x63onnections\x18\x05 \x01(\x04\x12<\n\x07refused\x18\x06 \x03(\x0b\x32+.pretouch.v1.GetStatusResponse.RefusedEntry\x12\x0f\n\x07untimed\x18\x07 \x01(\x04\x12\x0c\n\x04rate\x18\x08 \x01(\x01\x12\'\n\x05\x63lock\x18\t \x01(\x0b\x32\x18.pretouch.v1.ClockStatus\x12*\n\x07modules\x18\n \x03(\x0b\x32\x19.pretouch.v1.ModuleStatus\x12/\n\trecording\x18\x0b \x01(\x0b\x32\x1c.pretouch.v1.RecordingStatus\x12\x13\n\x0bsubscribers\x18\x0c \x01(\r\x12\x0f\n\x07overrun\x18\r \x01(\x04\x12\x18\n\x10host_clock_jumps\x18\x0e \x01(\x04\x12\x37\n\rconfiguration\x18\x0f \x01(\x0b\x32 .pretouch.v1.DeviceConfiguration\x12\x0c\n\x04unit\x18\x14 \x01(\t\x12\x14\n\x0crecent_lines\x18\x15 \x03(\t\x1a.\n\x0cRefusedEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x04:\x02\x38\x01"e\n\x11ModuleCalibration\x12\x0e\n\x06offset\x18\x01 \x01(\x01\x12\r\n\x05scale\x18\x02 \x01(\x01\x12\x11\n\tcrosstalk\x18\x03 \x01(\x01\x12\x0b\n\x03std\x18\x04 \x01(\x01\x12\x11\n\tstd_slope\x18\x05 \x01(\x01"_\n\x0b\x43\x61libration\x12\x0e\n\x06serial\x18\x01 \x01(\t\x12\x0f\n\x07warm_up\x18\x02 \x01(\x01\x12/\n\x07modules\x18\x03 \x03(\x0b\x32\x1e.pretouch.v1.ModuleCalibration"\x80\x01\n\x13\x44\x65viceConfiguration\x12\'\n\x0ctip_t_module\x18\x01 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12-\n\x0b\x63\x61libration\x18\x02 \x01(\x0b\x32\x18.pretouch.v1.Calibration\x12\x11\n\trecording\x18\x03 \x01(\x08"\xb5\x01\n\x10\x43onfigureRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\x32\n\x0b\x63\x61libration\x18\x03 \x01(\x0b\x32\x18.pretouch.v1.CalibrationH\x00\x88\x01\x01\x12\x16\n\trecording\x18\x04 \x01(\x08H\x01\x88\x01\x01\x42\x0e\n\x0c_calibrationB\x0c\n\n_recording"L\n\x11\x43onfigureResponse\x12\x37\n\rconfiguration\x18\x01 \x01(\x0b\x32 .pretouch.v1.DeviceConfiguration"%\n\x13StreamRangesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t"\x8b\x02\n\nRangeBatch\x12\x1d\n\x01t\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x10\n\x08time_std\x18\x02 \x01(\x01\x12$\n\x08sequence\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\r\n\x05\x65poch\x18\x04 \x01(\r\x12!\n\x05range\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1f\n\x03raw\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Array\x12"\n\x06status\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66lags\x18\x08 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\t \x01(\x04"O\n\x14StreamRangesResponse\x12&\n\x05\x62\x61tch\x18\x01 \x01(\x0b\x32\x17.pretouch.v1.RangeBatch\x12\x0f\n\x07overrun\x18\x02 \x01(\x04";\n\x07TipPose\x12\t\n\x01t\x18\x01 \x01(\x01\x12%\n\nbase_t_tip\x18\x02 \x01(\x0b\x32\x11.pretouch.v1.Pose"w\n\x13StreamPointsRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\'\n\ttip_poses\x18\x03 \x03(\x0b\x32\x14.pretouch.v1.TipPose"\xa2\x02\n\x14StreamPointsResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples\x12"\n\x06points\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\x03 \x01(\x04\x12\x0f\n\x07unposed\x18\x04 \x01(\x04\x12#\n\x07origins\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\ndirections\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1f\n\x03std\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66lags\x18\x08 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0f\n\x07overrun\x18\t \x01(\x04"=\n\x11GetSamplesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\x0c\n\x04\x66rom\x18\x02 \x01(\x01\x12\n\n\x02to\x18\x03 \x01(\x01";\n\x12GetSamplesResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples*\x95\x01\n\x0b\x44\x65viceState\x12\x1c\n\x18\x44\x45VICE_STATE_UNSPECIFIED\x10\x00\x12\x1b\n\x17\x44\x45VICE_STATE_CONNECTING\x10\x01\x12\x1a\n\x16\x44\x45VICE_STATE_STREAMING\x10\x02\x12\x17\n\x13\x44\x45VICE_STATE_SILENT\x10\x03\x12\x16\n\x12\x44\x45VICE_STATE_ENDED\x10\x04\x32\xff\x03\n\x14SensorGatewayService\x12P\n\x0bListDevices\x12\x1f.pretouch.v1.ListDevicesRequest\x1a .pretouch.v1.ListDevicesResponse\x12J\n\tGetStatus\x12\x1d.pretouch.v1.GetStatusRequest\x1a\x1e.pretouch.v1.GetStatusResponse\x12J\n\tConfigure\x12\x1d.pretouch.v1.ConfigureRequest\x1a\x1e.pretouch.v1.ConfigureResponse\x12U\n\x0cStreamRanges\x12 .pretouch.v1.StreamRangesRequest\x1a!.pretouch.v1.StreamRangesResponse0\x01\x12W\n\x0cStreamPoints\x12 .pretouch.v1.StreamPointsRequest\x1a!.pretouch.v1.StreamPointsResponse(\x01\x30\x01\x12M\n\nGetSamples\x12\x1e.pretouch.v1.GetSamplesRequest\x1a\x1f.pretouch.v1.GetSamplesResponseb\x06proto3'
+)
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
-_builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'pretouch.v1.sensor_gateway_pb2', _globals)
+_builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, "pretouch.v1.sensor_gateway_pb2", _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
-  DESCRIPTOR._loaded_options = None
-  _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._loaded_options = None
-  _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._serialized_options = b'8\001'
-  _globals['_DEVICESTATE']._serialized_start=2892
-  _globals['_DEVICESTATE']._serialized_end=3041
-  _globals['_LISTDEVICESREQUEST']._serialized_start=75
-  _globals['_LISTDEVICESREQUEST']._serialized_end=95
-  _globals['_LISTDEVICESRESPONSE']._serialized_start=97
-  _globals['_LISTDEVICESRESPONSE']._serialized_end=156
-  _globals['_DEVICE']._serialized_start=159
-  _globals['_DEVICE']._serialized_end=310
-  _globals['_GETSTATUSREQUEST']._serialized_start=312
-  _globals['_GETSTATUSREQUEST']._serialized_end=346
-  _globals['_CLOCKSTATUS']._serialized_start=348
-  _globals['_CLOCKSTATUS']._serialized_end=448
-  _globals['_MODULESTATUS']._serialized_start=450
-  _globals['_MODULESTATUS']._serialized_end=549
-  _globals['_RECORDINGSTATUS']._serialized_start=552
-  _globals['_RECORDINGSTATUS']._serialized_end=680
-  _globals['_IDENTITY']._serialized_start=682
-  _globals['_IDENTITY']._serialized_end=759
-  _globals['_GETSTATUSRESPONSE']._serialized_start=762
-  _globals['_GETSTATUSRESPONSE']._serialized_end=1307
-  _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._serialized_start=1261
-  _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._serialized_end=1307
-  _globals['_MODULECALIBRATION']._serialized_start=1309
-  _globals['_MODULECALIBRATION']._serialized_end=1410
-  _globals['_CALIBRATION']._serialized_start=1412
-  _globals['_CALIBRATION']._serialized_end=1507
-  _globals['_DEVICECONFIGURATION']._serialized_start=1510
-  _globals['_DEVICECONFIGURATION']._serialized_end=1638
-  _globals['_CONFIGUREREQUEST']._serialized_start=1641
-  _globals['_CONFIGUREREQUEST']._serialized_end=1822
-  _globals['_CONFIGURERESPONSE']._serialized_start=1824
-  _globals['_CONFIGURERESPONSE']._serialized_end=1900
-  _globals['_STREAMRANGESREQUEST']._serialized_start=1902
-  _globals['_STREAMRANGESREQUEST']._serialized_end=1939
-  _globals['_RANGEBATCH']._serialized_start=1942
-  _globals['_RANGEBATCH']._serialized_end=2209
-  _globals['_STREAMRANGESRESPONSE']._serialized_start=2211
-  _globals['_STREAMRANGESRESPONSE']._serialized_end=2290
-  _globals['_TIPPOSE']._serialized_start=2292
-  _globals['_TIPPOSE']._serialized_end=2351
-  _globals['_STREAMPOINTSREQUEST']._serialized_start=2353
-  _globals['_STREAMPOINTSREQUEST']._serialized_end=2472
-  _globals['_STREAMPOINTSRESPONSE']._serialized_start=2475
-  _globals['_STREAMPOINTSRESPONSE']._serialized_end=2765
-  _globals['_GETSAMPLESREQUEST']._serialized_start=2767
-  _globals['_GETSAMPLESREQUEST']._serialized_end=2828
-  _globals['_GETSAMPLESRESPONSE']._serialized_start=2830
-  _globals['_GETSAMPLESRESPONSE']._serialized_end=2889
-  _globals['_SENSORGATEWAYSERVICE']._serialized_start=3044
-  _globals['_SENSORGATEWAYSERVICE']._serialized_end=3555
+    DESCRIPTOR._loaded_options = None
+    _globals["_GETSTATUSRESPONSE_REFUSEDENTRY"]._loaded_options = None
+    _globals["_GETSTATUSRESPONSE_REFUSEDENTRY"]._serialized_options = b"8\001"
+    _globals["_DEVICESTATE"]._serialized_start = 2928
+    _globals["_DEVICESTATE"]._serialized_end = 3077
+    _globals["_LISTDEVICESREQUEST"]._serialized_start = 75
+    _globals["_LISTDEVICESREQUEST"]._serialized_end = 95
+    _globals["_LISTDEVICESRESPONSE"]._serialized_start = 97
+    _globals["_LISTDEVICESRESPONSE"]._serialized_end = 156
+    _globals["_DEVICE"]._serialized_start = 159
+    _globals["_DEVICE"]._serialized_end = 310
+    _globals["_GETSTATUSREQUEST"]._serialized_start = 312
+    _globals["_GETSTATUSREQUEST"]._serialized_end = 346
+    _globals["_CLOCKSTATUS"]._serialized_start = 348
+    _globals["_CLOCKSTATUS"]._serialized_end = 448
+    _globals["_MODULESTATUS"]._serialized_start = 450
+    _globals["_MODULESTATUS"]._serialized_end = 549
+    _globals["_RECORDINGSTATUS"]._serialized_start = 552
+    _globals["_RECORDINGSTATUS"]._serialized_end = 680
+    _globals["_IDENTITY"]._serialized_start = 682
+    _globals["_IDENTITY"]._serialized_end = 759
+    _globals["_GETSTATUSRESPONSE"]._serialized_start = 762
+    _globals["_GETSTATUSRESPONSE"]._serialized_end = 1343
+    _globals["_GETSTATUSRESPONSE_REFUSEDENTRY"]._serialized_start = 1297
+    _globals["_GETSTATUSRESPONSE_REFUSEDENTRY"]._serialized_end = 1343
+    _globals["_MODULECALIBRATION"]._serialized_start = 1345
+    _globals["_MODULECALIBRATION"]._serialized_end = 1446
+    _globals["_CALIBRATION"]._serialized_start = 1448
+    _globals["_CALIBRATION"]._serialized_end = 1543
+    _globals["_DEVICECONFIGURATION"]._serialized_start = 1546
+    _globals["_DEVICECONFIGURATION"]._serialized_end = 1674
+    _globals["_CONFIGUREREQUEST"]._serialized_start = 1677
+    _globals["_CONFIGUREREQUEST"]._serialized_end = 1858
+    _globals["_CONFIGURERESPONSE"]._serialized_start = 1860
+    _globals["_CONFIGURERESPONSE"]._serialized_end = 1936
+    _globals["_STREAMRANGESREQUEST"]._serialized_start = 1938
+    _globals["_STREAMRANGESREQUEST"]._serialized_end = 1975
+    _globals["_RANGEBATCH"]._serialized_start = 1978
+    _globals["_RANGEBATCH"]._serialized_end = 2245
+    _globals["_STREAMRANGESRESPONSE"]._serialized_start = 2247
+    _globals["_STREAMRANGESRESPONSE"]._serialized_end = 2326
+    _globals["_TIPPOSE"]._serialized_start = 2328
+    _globals["_TIPPOSE"]._serialized_end = 2387
+    _globals["_STREAMPOINTSREQUEST"]._serialized_start = 2389
+    _globals["_STREAMPOINTSREQUEST"]._serialized_end = 2508
+    _globals["_STREAMPOINTSRESPONSE"]._serialized_start = 2511
+    _globals["_STREAMPOINTSRESPONSE"]._serialized_end = 2801
+    _globals["_GETSAMPLESREQUEST"]._serialized_start = 2803
+    _globals["_GETSAMPLESREQUEST"]._serialized_end = 2864
+    _globals["_GETSAMPLESRESPONSE"]._serialized_start = 2866
+    _globals["_GETSAMPLESRESPONSE"]._serialized_end = 2925
+    _globals["_SENSORGATEWAYSERVICE"]._serialized_start = 3080
+    _globals["_SENSORGATEWAYSERVICE"]._serialized_end = 3591
 # @@protoc_insertion_point(module_scope)

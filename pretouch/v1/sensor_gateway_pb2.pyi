@@ -137,7 +137,22 @@ class Device(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["bad_frames", b"bad_frames", "frames", b"frames", "lost_frames", b"lost_frames", "name", b"name", "port", b"port", "problem", b"problem", "state", b"state"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "bad_frames",
+        b"bad_frames",
+        "frames",
+        b"frames",
+        "lost_frames",
+        b"lost_frames",
+        "name",
+        b"name",
+        "port",
+        b"port",
+        "problem",
+        b"problem",
+        "state",
+        b"state",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -199,7 +214,18 @@ class ClockStatus(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift", "latency", b"latency", "round_trip", b"round_trip", "std", b"std", "synchronised", b"synchronised"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "drift",
+        b"drift",
+        "latency",
+        b"latency",
+        "round_trip",
+        b"round_trip",
+        "std",
+        b"std",
+        "synchronised",
+        b"synchronised",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -237,7 +263,18 @@ class ModuleStatus(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["jumps", b"jumps", "measurements", b"measurements", "range", b"range", "returns", b"returns", "status", b"status"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "jumps",
+        b"jumps",
+        "measurements",
+        b"measurements",
+        "range",
+        b"range",
+        "returns",
+        b"returns",
+        "status",
+        b"status",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -283,7 +320,22 @@ class RecordingStatus(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["bytes", b"bytes", "frames", b"frames", "on", b"on", "path", b"path", "pending", b"pending", "problem", b"problem", "unrecorded", b"unrecorded"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "bytes",
+        b"bytes",
+        "frames",
+        b"frames",
+        "on",
+        b"on",
+        "path",
+        b"path",
+        "pending",
+        b"pending",
+        "problem",
+        b"problem",
+        "unrecorded",
+        b"unrecorded",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -317,7 +369,9 @@ class Identity(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["firmware", b"firmware", "modules", b"modules", "period", b"period", "serial", b"serial"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "firmware", b"firmware", "modules", b"modules", "period", b"period", "serial", b"serial"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -364,8 +418,10 @@ class GetStatusResponse(_message.Message):
     OVERRUN_FIELD_NUMBER: _builtins.int
     HOST_CLOCK_JUMPS_FIELD_NUMBER: _builtins.int
     CONFIGURATION_FIELD_NUMBER: _builtins.int
+    UNIT_FIELD_NUMBER: _builtins.int
+    RECENT_LINES_FIELD_NUMBER: _builtins.int
     format: _builtins.str
-    """Name of the wire format; empty while it is not recognised."""
+    """Name or pattern of the wire format; empty while it is not recognised."""
     epoch: _builtins.int
     """Boot session: number of restarts of the board that were seen."""
     connections: _builtins.int
@@ -380,6 +436,8 @@ class GetStatusResponse(_message.Message):
     """Number of measurements that slow subscribers lost, all subscribers together."""
     host_clock_jumps: _builtins.int
     """Number of jumps of the host's clock that were seen."""
+    unit: _builtins.str
+    """Unit in which the device sends ranges: mm, cm or m; empty while that is not known."""
     @_builtins.property
     def device(self) -> Global___Device:
         """The device as in ListDevices."""
@@ -408,6 +466,10 @@ class GetStatusResponse(_message.Message):
     def configuration(self) -> Global___DeviceConfiguration:
         """Configuration of the device."""
 
+    @_builtins.property
+    def recent_lines(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """What the device sent last, oldest first: lines in quotes and escaped, or bytes in hexadecimal where it is no text."""
+
     def __init__(
         self,
         *,
@@ -426,10 +488,58 @@ class GetStatusResponse(_message.Message):
         overrun: _builtins.int = ...,
         host_clock_jumps: _builtins.int = ...,
         configuration: Global___DeviceConfiguration | None = ...,
+        unit: _builtins.str = ...,
+        recent_lines: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "clock",
+        b"clock",
+        "configuration",
+        b"configuration",
+        "device",
+        b"device",
+        "identity",
+        b"identity",
+        "recording",
+        b"recording",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "overrun", b"overrun", "rate", b"rate", "recording", b"recording", "refused", b"refused", "subscribers", b"subscribers", "untimed", b"untimed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "clock",
+        b"clock",
+        "configuration",
+        b"configuration",
+        "connections",
+        b"connections",
+        "device",
+        b"device",
+        "epoch",
+        b"epoch",
+        "format",
+        b"format",
+        "host_clock_jumps",
+        b"host_clock_jumps",
+        "identity",
+        b"identity",
+        "modules",
+        b"modules",
+        "overrun",
+        b"overrun",
+        "rate",
+        b"rate",
+        "recent_lines",
+        b"recent_lines",
+        "recording",
+        b"recording",
+        "refused",
+        b"refused",
+        "subscribers",
+        b"subscribers",
+        "unit",
+        b"unit",
+        "untimed",
+        b"untimed",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -467,7 +577,9 @@ class ModuleCalibration(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["crosstalk", b"crosstalk", "offset", b"offset", "scale", b"scale", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "crosstalk", b"crosstalk", "offset", b"offset", "scale", b"scale", "std", b"std", "std_slope", b"std_slope"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -533,7 +645,9 @@ class DeviceConfiguration(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["calibration", b"calibration"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["calibration", b"calibration", "recording", b"recording", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "calibration", b"calibration", "recording", b"recording", "tip_t_module", b"tip_t_module"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -569,9 +683,31 @@ class ConfigureRequest(_message.Message):
         calibration: Global___Calibration | None = ...,
         recording: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_calibration", b"_calibration", "_recording", b"_recording", "calibration", b"calibration", "recording", b"recording"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "_calibration",
+        b"_calibration",
+        "_recording",
+        b"_recording",
+        "calibration",
+        b"calibration",
+        "recording",
+        b"recording",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_calibration", b"_calibration", "_recording", b"_recording", "calibration", b"calibration", "device", b"device", "recording", b"recording", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "_calibration",
+        b"_calibration",
+        "_recording",
+        b"_recording",
+        "calibration",
+        b"calibration",
+        "device",
+        b"device",
+        "recording",
+        b"recording",
+        "tip_t_module",
+        b"tip_t_module",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__calibration: _TypeAlias = _typing.Literal["calibration"]  # noqa: Y015
     _WhichOneofArgType__calibration: _TypeAlias = _typing.Literal["_calibration", b"_calibration"]  # noqa: Y015
@@ -690,9 +826,30 @@ class RangeBatch(_message.Message):
         flags: _common_pb2.Array | None = ...,
         lost: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "flags", b"flags", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "epoch",
+        b"epoch",
+        "flags",
+        b"flags",
+        "lost",
+        b"lost",
+        "range",
+        b"range",
+        "raw",
+        b"raw",
+        "sequence",
+        b"sequence",
+        "status",
+        b"status",
+        "t",
+        b"t",
+        "time_std",
+        b"time_std",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -782,7 +939,9 @@ class StreamPointsRequest(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["device", b"device", "tip_poses", b"tip_poses", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "device", b"device", "tip_poses", b"tip_poses", "tip_t_module", b"tip_t_module"
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -846,9 +1005,41 @@ class StreamPointsResponse(_message.Message):
         flags: _common_pb2.Array | None = ...,
         overrun: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "flags", b"flags", "origins", b"origins", "points", b"points", "samples", b"samples", "std", b"std"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal[
+        "directions",
+        b"directions",
+        "flags",
+        b"flags",
+        "origins",
+        b"origins",
+        "points",
+        b"points",
+        "samples",
+        b"samples",
+        "std",
+        b"std",
+    ]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "flags", b"flags", "lost", b"lost", "origins", b"origins", "overrun", b"overrun", "points", b"points", "samples", b"samples", "std", b"std", "unposed", b"unposed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal[
+        "directions",
+        b"directions",
+        "flags",
+        b"flags",
+        "lost",
+        b"lost",
+        "origins",
+        b"origins",
+        "overrun",
+        b"overrun",
+        "points",
+        b"points",
+        "samples",
+        b"samples",
+        "std",
+        b"std",
+        "unposed",
+        b"unposed",
+    ]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -25,7 +25,6 @@ else:
 _T = _typing.TypeVar("_T")
 
 class _MaybeAsyncIterator(_abc.AsyncIterator[_T], _abc.Iterator[_T], metaclass=_abc_1.ABCMeta): ...
-
 class _ServicerContext(_grpc.ServicerContext, _aio.ServicerContext):  # type: ignore[misc, type-arg]
     ...
 
@@ -39,19 +38,31 @@ class SensorGatewayServiceStub:
     def __new__(cls, channel: _grpc.Channel) -> _Self: ...
     @_typing.overload
     def __new__(cls, channel: _aio.Channel) -> SensorGatewayServiceAsyncStub: ...
-    ListDevices: _grpc.UnaryUnaryMultiCallable[_sensor_gateway_pb2.ListDevicesRequest, _sensor_gateway_pb2.ListDevicesResponse]
+    ListDevices: _grpc.UnaryUnaryMultiCallable[
+        _sensor_gateway_pb2.ListDevicesRequest, _sensor_gateway_pb2.ListDevicesResponse
+    ]
     """Lists the devices that the gateway was started with, and the state of each."""
-    GetStatus: _grpc.UnaryUnaryMultiCallable[_sensor_gateway_pb2.GetStatusRequest, _sensor_gateway_pb2.GetStatusResponse]
+    GetStatus: _grpc.UnaryUnaryMultiCallable[
+        _sensor_gateway_pb2.GetStatusRequest, _sensor_gateway_pb2.GetStatusResponse
+    ]
     """Returns all that is known about one device: counts, clock, modules, recording."""
-    Configure: _grpc.UnaryUnaryMultiCallable[_sensor_gateway_pb2.ConfigureRequest, _sensor_gateway_pb2.ConfigureResponse]
+    Configure: _grpc.UnaryUnaryMultiCallable[
+        _sensor_gateway_pb2.ConfigureRequest, _sensor_gateway_pb2.ConfigureResponse
+    ]
     """Changes the configuration of a device until the gateway ends; what is left out stays as it is."""
-    StreamRanges: _grpc.UnaryStreamMultiCallable[_sensor_gateway_pb2.StreamRangesRequest, _sensor_gateway_pb2.StreamRangesResponse]
+    StreamRanges: _grpc.UnaryStreamMultiCallable[
+        _sensor_gateway_pb2.StreamRangesRequest, _sensor_gateway_pb2.StreamRangesResponse
+    ]
     """Streams ranges as they arrive, calibrated and raw."""
-    StreamPoints: _grpc.StreamStreamMultiCallable[_sensor_gateway_pb2.StreamPointsRequest, _sensor_gateway_pb2.StreamPointsResponse]
+    StreamPoints: _grpc.StreamStreamMultiCallable[
+        _sensor_gateway_pb2.StreamPointsRequest, _sensor_gateway_pb2.StreamPointsResponse
+    ]
     """Takes tip poses and streams samples with interpolated tip poses, and points in base. The first message names the
     device.
     """
-    GetSamples: _grpc.UnaryUnaryMultiCallable[_sensor_gateway_pb2.GetSamplesRequest, _sensor_gateway_pb2.GetSamplesResponse]
+    GetSamples: _grpc.UnaryUnaryMultiCallable[
+        _sensor_gateway_pb2.GetSamplesRequest, _sensor_gateway_pb2.GetSamplesResponse
+    ]
     """Returns the samples of a past span of time, with the tip poses that StreamPoints was given."""
 
 @_typing.type_check_only
@@ -59,19 +70,27 @@ class SensorGatewayServiceAsyncStub(SensorGatewayServiceStub):
     """Streams ranges, and points where it knows the pose of the tip."""
 
     def __init__(self, channel: _aio.Channel) -> None: ...
-    ListDevices: _aio.UnaryUnaryMultiCallable[_sensor_gateway_pb2.ListDevicesRequest, _sensor_gateway_pb2.ListDevicesResponse]  # type: ignore[assignment]
+    ListDevices: _aio.UnaryUnaryMultiCallable[
+        _sensor_gateway_pb2.ListDevicesRequest, _sensor_gateway_pb2.ListDevicesResponse
+    ]  # type: ignore[assignment]
     """Lists the devices that the gateway was started with, and the state of each."""
     GetStatus: _aio.UnaryUnaryMultiCallable[_sensor_gateway_pb2.GetStatusRequest, _sensor_gateway_pb2.GetStatusResponse]  # type: ignore[assignment]
     """Returns all that is known about one device: counts, clock, modules, recording."""
     Configure: _aio.UnaryUnaryMultiCallable[_sensor_gateway_pb2.ConfigureRequest, _sensor_gateway_pb2.ConfigureResponse]  # type: ignore[assignment]
     """Changes the configuration of a device until the gateway ends; what is left out stays as it is."""
-    StreamRanges: _aio.UnaryStreamMultiCallable[_sensor_gateway_pb2.StreamRangesRequest, _sensor_gateway_pb2.StreamRangesResponse]  # type: ignore[assignment]
+    StreamRanges: _aio.UnaryStreamMultiCallable[
+        _sensor_gateway_pb2.StreamRangesRequest, _sensor_gateway_pb2.StreamRangesResponse
+    ]  # type: ignore[assignment]
     """Streams ranges as they arrive, calibrated and raw."""
-    StreamPoints: _aio.StreamStreamMultiCallable[_sensor_gateway_pb2.StreamPointsRequest, _sensor_gateway_pb2.StreamPointsResponse]  # type: ignore[assignment]
+    StreamPoints: _aio.StreamStreamMultiCallable[
+        _sensor_gateway_pb2.StreamPointsRequest, _sensor_gateway_pb2.StreamPointsResponse
+    ]  # type: ignore[assignment]
     """Takes tip poses and streams samples with interpolated tip poses, and points in base. The first message names the
     device.
     """
-    GetSamples: _aio.UnaryUnaryMultiCallable[_sensor_gateway_pb2.GetSamplesRequest, _sensor_gateway_pb2.GetSamplesResponse]  # type: ignore[assignment]
+    GetSamples: _aio.UnaryUnaryMultiCallable[
+        _sensor_gateway_pb2.GetSamplesRequest, _sensor_gateway_pb2.GetSamplesResponse
+    ]  # type: ignore[assignment]
     """Returns the samples of a past span of time, with the tip poses that StreamPoints was given."""
 
 class SensorGatewayServiceServicer(metaclass=_abc_1.ABCMeta):
@@ -82,7 +101,9 @@ class SensorGatewayServiceServicer(metaclass=_abc_1.ABCMeta):
         self,
         request: _sensor_gateway_pb2.ListDevicesRequest,
         context: _ServicerContext,
-    ) -> _typing.Union[_sensor_gateway_pb2.ListDevicesResponse, _abc.Awaitable[_sensor_gateway_pb2.ListDevicesResponse]]:
+    ) -> _typing.Union[
+        _sensor_gateway_pb2.ListDevicesResponse, _abc.Awaitable[_sensor_gateway_pb2.ListDevicesResponse]
+    ]:
         """Lists the devices that the gateway was started with, and the state of each."""
 
     @_abc_1.abstractmethod
@@ -106,7 +127,10 @@ class SensorGatewayServiceServicer(metaclass=_abc_1.ABCMeta):
         self,
         request: _sensor_gateway_pb2.StreamRangesRequest,
         context: _ServicerContext,
-    ) -> _typing.Union[_abc.Iterator[_sensor_gateway_pb2.StreamRangesResponse], _abc.AsyncIterator[_sensor_gateway_pb2.StreamRangesResponse]]:
+    ) -> _typing.Union[
+        _abc.Iterator[_sensor_gateway_pb2.StreamRangesResponse],
+        _abc.AsyncIterator[_sensor_gateway_pb2.StreamRangesResponse],
+    ]:
         """Streams ranges as they arrive, calibrated and raw."""
 
     @_abc_1.abstractmethod
@@ -114,7 +138,10 @@ class SensorGatewayServiceServicer(metaclass=_abc_1.ABCMeta):
         self,
         request_iterator: _MaybeAsyncIterator[_sensor_gateway_pb2.StreamPointsRequest],
         context: _ServicerContext,
-    ) -> _typing.Union[_abc.Iterator[_sensor_gateway_pb2.StreamPointsResponse], _abc.AsyncIterator[_sensor_gateway_pb2.StreamPointsResponse]]:
+    ) -> _typing.Union[
+        _abc.Iterator[_sensor_gateway_pb2.StreamPointsResponse],
+        _abc.AsyncIterator[_sensor_gateway_pb2.StreamPointsResponse],
+    ]:
         """Takes tip poses and streams samples with interpolated tip poses, and points in base. The first message names the
         device.
         """
@@ -127,4 +154,6 @@ class SensorGatewayServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_sensor_gateway_pb2.GetSamplesResponse, _abc.Awaitable[_sensor_gateway_pb2.GetSamplesResponse]]:
         """Returns the samples of a past span of time, with the tip poses that StreamPoints was given."""
 
-def add_SensorGatewayServiceServicer_to_server(servicer: SensorGatewayServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]) -> None: ...
+def add_SensorGatewayServiceServicer_to_server(
+    servicer: SensorGatewayServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]
+) -> None: ...

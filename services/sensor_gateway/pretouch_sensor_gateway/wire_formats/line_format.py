@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -64,6 +64,7 @@ class LineFormat:
         rows: lines that one frame takes, ended by a blank line.
         exact: see `compile_pattern`.
         marked: what a line must be for `auto` to choose the format, as a regular expression.
+        companion: a line that must have come too for `auto` to choose the format, as a regular expression.
         mirrored: whether a multizone sensor's rows are printed from right to left.
     """
 
@@ -77,6 +78,7 @@ class LineFormat:
     rows: int = 1
     exact: bool = False
     marked: str = ""
+    companion: str = ""
     mirrored: bool = False
 
     @cached_property
@@ -105,6 +107,11 @@ class LineFormat:
     def names_modules(self) -> bool:
         """Whether a line is of one module, which it names."""
         return any(isinstance(each, Field) and each.kind == "module" for each in self.compiled[0].fields)
+
+    @property
+    def has_status(self) -> bool:
+        """Whether its lines hold the status of their ranges."""
+        return "{status" in self.patterns[0]
 
     @property
     def takes_list(self) -> bool:
@@ -142,6 +149,11 @@ class LineFormat:
             return True
         alone = self.time_unit is None and not self.names_modules and not self.takes_list
         return alone and self.ranges.is_word(line)
+
+    def told_by(self, lines: Sequence[str]) -> bool:
+        """Whether lines show together that they are of this format."""
+        companion = not self.companion or any(re.fullmatch(self.companion, line.strip()) for line in lines)
+        return companion and sum(map(self.tells, lines)) >= 2
 
     @cached_property
     def _skipped(self) -> re.Pattern[str] | None:

@@ -138,7 +138,9 @@ class _Compiler:
         if match := _FIELD.match(text, at):
             last = not text[match.end() :].strip()
             expression = self._field(match[1], match[2] or "", last)
-            if match[1] == "range" and (text[at - 1 : at] in (",", ";") or text[match.end() : match.end() + 1] in (",", ";")):
+            if match[1] == "range" and (
+                text[at - 1 : at] in (",", ";") or text[match.end() : match.end() + 1] in (",", ";")
+            ):
                 expression = f"{expression[:-1]}|)"  # a cell of a table may be empty
             return match.end(), "field", expression
         if text[at] in "{}":

@@ -54,7 +54,6 @@ BARE: tuple[LineFormat, ...] = (
     LineFormat("pololu-vl6180x", ("{range:mm}",)),
     LineFormat("teraranger-evo", ("{range:mm}",), full_scale=False),
     LineFormat("tfmini-text", ("{range:m}",)),
-    LineFormat("circuitpython-vl53l1x", ("{range:cm}",)),
     LineFormat("seeed-vl53l0x", ("Distance = {range:mm} mm",), full_scale=False),
     LineFormat(
         "adafruit-vl53l1x",
@@ -80,6 +79,7 @@ TELLING: tuple[LineFormat, ...] = (
         ("Range: {range:mm}",),
         skipped=(r"Lux: [\d.]+", "Adafruit VL6180x test!", "Sensor found!"),
         no_target_lines=(*_VL6180X_ERRORS, "some other error"),
+        companion=r"Lux: [\d.]+",
     ),
     LineFormat(
         "adafruit-vl6180x-triple",
@@ -117,6 +117,12 @@ TELLING: tuple[LineFormat, ...] = (
     LineFormat(
         "sparkfun-vl53l5cx-4x4", (r"{ranges:mm}",), full_scale=False, rows=4, mirrored=True, marked=r"(?:\t-?\d+){4}"
     ),
+    LineFormat(
+        "circuitpython-vl53l1x",
+        ("{range:cm}",),
+        marked=r"\d+\.\d+|None",
+        companion=r"VL53L1X Simple Test\.?",
+    ),
     LineFormat("x-nucleo", ("| Distance {module} [mm]: {range:mm} |",), full_scale=False),
     LineFormat("x-nucleo-single", ("| Distance [mm]: {range:mm} |",), full_scale=False),
     LineFormat(
@@ -125,7 +131,11 @@ TELLING: tuple[LineFormat, ...] = (
     LineFormat("stm32duino", ("[{time:hms}, {sequence}]( {range:mm} [{status}])+",), full_scale=False),
     LineFormat("teraranger-hub", ("TH {ranges:mm}",), full_scale=False),
     LineFormat("tfmini-plus", ("Dist:{range:cm}cm Flux:{any}",)),
-    LineFormat("esphome", ("{any}'{module}': Sending state {range:m} m with {any}", "{any}'{module}' >> {range:m} m"), skipped=(r"\[.*\]\[.*\].*",)),
+    LineFormat(
+        "esphome",
+        ("{any}'{module}': Sending state {range:m} m with {any}", "{any}'{module}' >> {range:m} m"),
+        skipped=(r"\[.*\]\[.*\].*",),
+    ),
     LineFormat("esp-idf", ("{any} ({time:ms}) {any}: {range:mm} mm",), skipped=(r"[VDIWE] \(\d+\) .*",)),
 )
 """Formats whose lines tell their unit, or that only one known sketch prints: `auto` chooses them."""
