@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from pretouch_detector.servicer import DetectorServicer
 from pretouch_orchestrator.rest import models
-from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, FORMATS, create_parser
+from pretouch_sensor_gateway.wire_formats.registry import AUTO, FORMATS, create_parser
 from pretouch_sensor_gateway.wire_formats.parser import Measurement
 
 from helpers.scenes import Box, View, World

@@ -160,9 +160,9 @@ class SerialSource:
             self._explanation = explain(
                 self._recent.last(), self._parser, refused[0][0] if refused else None, self._baud
             )
-            if now - self._recent.received_at > SILENT_AFTER and self._recent.last():
-                seconds = now - max(self._recent.received_at, self._opened_at)
-                self._explanation = f"Nothing has arrived for {seconds:.0f} s. Before: {self._explanation}"
+            if self._recent.last() and now - self._recent.received_at > SILENT_AFTER:
+                stopped = f"The port is open, but nothing has arrived for {now - self._recent.received_at:.0f} s."
+                self._explanation = f"{stopped} Before: {self._explanation}" if refused else stopped
             self._explained_at = now
         return self._explanation
 

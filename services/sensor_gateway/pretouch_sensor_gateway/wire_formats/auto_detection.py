@@ -13,7 +13,7 @@ from collections import Counter, deque
 from pretouch_sensor_gateway.wire_formats.benewake import BenewakeFrame
 from pretouch_sensor_gateway.wire_formats.binary import BinaryParser
 from pretouch_sensor_gateway.wire_formats.fixed_frames import FixedFrameParser
-from pretouch_sensor_gateway.wire_formats.inference import ENOUGH, infer
+from pretouch_sensor_gateway.wire_formats.inference import infer
 from pretouch_sensor_gateway.wire_formats.line_format import LineFormat
 from pretouch_sensor_gateway.wire_formats.line_splitter import BLANK, LineSplitter
 from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Parser, Refusal
@@ -30,6 +30,8 @@ restarts."""
 _END = re.compile(rb"[\0\r\n]")
 """What ends a frame or a line."""
 _FIXED_FRAMES = 4
+_FAR = 1.99
+"""Metres. 200 or more in a frame may well be millimetres, of a sensor that sees nothing nearer than 0.2 m."""
 _BEFORE_INFERENCE = 8
 """Lines before a pattern is inferred: the presets come first, and other kinds of lines may follow."""
 _LINES_KEPT = 60
@@ -113,12 +115,17 @@ class AutoDetectingParser:
         self._detector = _Detector()
 
 
+def likely_benewake() -> BenewakeFrame:
+    """Frames of Benewake as `auto` takes them: in centimetres, and none farther than a finger sees."""
+    return BenewakeFrame("tf-luna", "cm", _FAR)
+
+
 class _Detector:
     """Follows one connection from its start."""
 
     def __init__(self) -> None:
         self._binary = BinaryParser()
-        self._fixed = (FixedFrameParser(BenewakeFrame("tf-luna", "cm")), FixedFrameParser(TerarangerFrame()))
+        self._fixed = (FixedFrameParser(likely_benewake()), FixedFrameParser(TerarangerFrame()))
         self._splitter = LineSplitter()
         self._lines: deque[str] = deque(maxlen=_LINES_KEPT)
         self._with_unit = 0
@@ -129,7 +136,7 @@ class _Detector:
             return BinaryParser()
         for parser in self._fixed:
             parser.feed(piece)
-            if parser.consecutive >= _FIXED_FRAMES:
+            if parser.consecutive >= _FIXED_FRAMES and parser.believed and not parser.problem:
                 return FixedFrameParser(parser.kind)
         for line in self._splitter.feed(piece):
             found = self._add_line(line) if isinstance(line, str) and line else None
@@ -143,7 +150,7 @@ class _Detector:
         if preset is not None:
             return preset
         self._with_unit += bool(_UNIT.search(line))
-        if self._with_unit < ENOUGH or len(self._lines) < _BEFORE_INFERENCE:
+        if not self._with_unit or len(self._lines) < _BEFORE_INFERENCE:
             return None
         inference = infer(list(self._lines))
         if inference is None or inference.question or inference.pending:

@@ -20,14 +20,20 @@ _FIRST_ERROR = 0xFFFC
 
 
 class BenewakeFrame:
-    """A `FrameKind`; `unit` is cm or, if the sensor was told so, mm."""
+    """A `FrameKind`.
+
+    Args:
+        unit: cm or, if the sensor was told so, mm.
+        max_range: m; a larger range is not believed.
+    """
 
     header = b"\x59\x59"
     length = _FRAME.size
 
-    def __init__(self, name: str, unit: str) -> None:
+    def __init__(self, name: str, unit: str, max_range: float = MAX_RANGE) -> None:
         self.name = name
         self.unit = unit
+        self._max_range = max_range
 
     def is_sound(self, frame: bytes) -> bool:
         return sum(frame[:-1]) & 0xFF == frame[-1]
@@ -37,6 +43,9 @@ class BenewakeFrame:
         metres = distance * METRES[self.unit]
         if not distance or distance >= _FIRST_ERROR or strength < _WEAK or strength == _OVEREXPOSED:
             return Measurement(None, None, None, (math.nan,), (NO_TARGET,), self.length)
-        if metres > MAX_RANGE:
-            return f'A range of {distance} {self.unit} is refused: if the sensor sends millimetres set format = "tf-luna-mm".'
+        if metres > self._max_range:
+            return (
+                f'A distance of {distance} is far, if it is in {self.unit}. Is it in mm? Then set format = "tf-luna-mm", else '
+                '"tf-luna"; frames do not tell their unit.'
+            )
         return Measurement(None, None, None, (metres,), (OK,), self.length)

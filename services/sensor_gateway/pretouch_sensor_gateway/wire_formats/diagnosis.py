@@ -6,8 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
-from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO
-from pretouch_sensor_gateway.wire_formats.benewake import BenewakeFrame
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, likely_benewake
 from pretouch_sensor_gateway.wire_formats.fixed_frames import FixedFrameParser
 from pretouch_sensor_gateway.wire_formats.inference import infer
 from pretouch_sensor_gateway.wire_formats.line_checks import AlternationCheck
@@ -75,11 +74,15 @@ def _lines(recent: bytes) -> list[str]:
 
 
 def _explain_bytes(recent: bytes, wire_format: str, baud: int) -> str:
-    for kind in (BenewakeFrame("tf-luna", "cm"), TerarangerFrame()):
+    for kind in (likely_benewake(), TerarangerFrame()):
         parser = FixedFrameParser(kind)
         parser.feed(recent)
+        if parser.consecutive > 1 and parser.problem:
+            return parser.problem
         if parser.consecutive > 1 and wire_format not in (AUTO, kind.name):
             return f'Frames of "{kind.name}" arrive: set format to that, or to "auto".'
+        if parser.consecutive > 1 and wire_format == AUTO:
+            return f'Frames of "{kind.name}" arrive, so far without a range.'
     return (
         f"What arrives is neither text nor a known frame: the last bytes are {quote_bytes(recent[-16:])}. The likely cause "
         f"is the baud rate: the port is read at {baud} baud. Set baud to what the board sends at (9600 and 115200 are "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Protocol
 
-from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Measurement, Refusal
+from pretouch_sensor_gateway.wire_formats.parser import OK, DeviceMessage, Measurement, Refusal
 
 
 class FrameKind(Protocol):
@@ -48,6 +48,7 @@ class FixedFrameParser:
 
     Attributes:
         consecutive: sound frames that came without a gap.
+        believed: ranges so far.
         problem: why the last sound frame cannot be believed; "" if it can.
     """
 
@@ -59,7 +60,7 @@ class FixedFrameParser:
         self.unit = kind.unit
         self.problem = ""
         self.refused: Counter[Refusal] = Counter()
-        self.consecutive = 0
+        self.consecutive = self.believed = 0
         self.kind = kind
         self._buffer = bytearray()
         self._in_gap = False
@@ -78,6 +79,7 @@ class FixedFrameParser:
                 self.problem = outcome if isinstance(outcome, str) else ""
                 if isinstance(outcome, Measurement) and self.consecutive > 1:
                     received.append(outcome)
+                    self.believed += outcome.status[0] == OK
                 else:
                     self.refused[Refusal.FIELDS] += 1
                 continue

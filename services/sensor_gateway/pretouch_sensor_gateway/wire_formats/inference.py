@@ -65,6 +65,7 @@ _NOT_THE_RANGE = re.compile(
     r"sig|std|stddev|dev|noise|offset|min|max|mean|av|filt|smooth|raw|thr|lim|err|corr|prev|last|diff|delta|speed|vel|"
     r"temp|x|y|z|roll|pitch|yaw|height|width|size|ref|base|zero|calib|median|target|goal|set|expected"
 )
+_FOREIGN_UNIT = re.compile(r"\s*(?:in|inch(?:es)?|ft|feet|\"|us|µs)(?!\w)", re.IGNORECASE)
 _SMALL_CODES = frozenset(range(16)) | {255}
 
 
@@ -99,7 +100,7 @@ def infer(lines: Sequence[str]) -> Inference | None:
     kinds: dict[Template, _Kind] = {}
     for line in lines:
         template, values = find_values(line)
-        if any(value.kind in ("number", "word") for value in values):
+        if any(value.kind in ("number", "comma", "word") for value in values):
             kind = kinds.setdefault(template, _Kind([], []))
             kind.lines.append(line)
             kind.rows.append(values)
@@ -137,19 +138,26 @@ def _infer_kind(kind: _Kind, header: Sequence[str] = ()) -> Inference:
             "", f"Which number is the range on lines such as {quote(kind.lines[-1])}, and in which unit? Set format to "
             f'a pattern, as "{_pattern(kind, {len(kind.rows[-1]) - 1: "{range:mm}"}, header)}"'
         )  # fmt: skip
-    units = {kind.rows[-1][column].unit for column in columns}
+    units = {kind.rows[-1][column].unit for column in columns if kind.rows[-1][column].unit}
     doubtful = [column for column in columns if _is_doubtful(kind.rows[-1][column])]
-    if len(units) > 1 and "" not in units and len(columns) > 1:
+    if len(units) > 1:
         columns = _finest_of_the_same(kind, columns)
         units = {kind.rows[-1][column].unit for column in columns}
+    if doubtful and len(doubtful) < len(columns):
+        columns = [column for column in columns if column not in doubtful]
     unit = next(iter(units)) if len(units) == 1 else ""
-    fields = {column: f"{{range:{unit or 'mm'}}}" for column in columns}
+    commas = [column for column in columns if any(value.kind == "comma" for value in kind.column(column))]
+    fields = {column: f"{{range:{unit or 'mm'}{',' if column in commas else ''}}}" for column in columns}
     pending, unclear_status = _add_other_fields(kind, fields)
     pattern = _pattern(kind, fields, header)
     example = quote(kind.lines[-1])
     if len(columns) > 1 and any(not _says_range(kind.rows[-1][column]) for column in columns) and not doubtful:
         doubtful = columns
-    if not unit:
+    if _FOREIGN_UNIT.match(kind.rows[-1][columns[0]].after):
+        question = f"Lines such as {example} are not in mm, cm or m: print one of these"
+    elif commas:
+        question = f"Has a line such as {example} a decimal comma? If so set format = {_quoted(pattern)}"
+    elif not unit:
         question = (
             f"Lines such as {example} do not say their unit: mm, cm or m? "
             f"Set format = {_quoted(pattern)}, or with cm or m instead of mm"
@@ -184,17 +192,19 @@ def _infer_bare(kind: _Kind) -> Inference:
     if time is not None:
         unit = _time_unit(kind.column(time))
         fields[time] = f"{{time:{unit}}}"
-        said.append(f"the {'first' if time == 0 else 'last'} number rises like a time in {unit}")
-    status = next((column for column in (columns - 1, 0) if _is_status(kind, column, time)), None)
-    if status is not None and columns - (time is not None) <= 3:
-        fields[status] = "{status}"
-        said.append(f"the {'last' if status else 'first'} number looks like a status")
+        said.append(f"number {time + 1} rises like a time in {unit}")
+    codes = [column for column in range(columns) if _is_status(kind, column, time)]
+    if len(codes) == 1 and columns <= 5:
+        fields[codes[0]] = "{status}"
+        said.append(f"number {codes[0] + 1} looks like a status")
     ranges = fields.count("{range:mm}")
     if ranges > 3:
         pattern = " ".join(f for f in ["{time}" * (time == 0), "{ranges:mm}", "{time}" * (time == columns - 1)] if f)
         pattern = pattern.replace("{time}", fields[time] if time is not None else "")
     else:
         pattern = separator.join(fields)
+    if columns in (4, 8):
+        said.append(f'if they are rows of a multizone sensor set format = "vl53l5cx-rows-{columns}x{columns}"')
     if columns == 2 and separator == "," and time is None:
         said.append("the comma may also be a decimal comma, {range:cm,}")
     note = f" ({'; '.join(said)})" if said else ""
@@ -332,7 +342,8 @@ def _pattern(kind: _Kind, fields: dict[int, str], header: Sequence[str] = ()) ->
             and (values[last + 1].continues and "[" in values[k].label)
         ):
             last += 1
-        text += fields.get(k, "{any}").replace("{range:", "{ranges:" if last > k else "{range:")
+        other = values[k].text if values[k].kind == "index" else "{any}"
+        text += fields.get(k, other).replace("{range:", "{ranges:" if last > k else "{range:")
         text += _literal(values[last].after)
         k = last + 1
     return re.sub(r"\{any\}(?:[:.-]\{any\})+", "{any}", text.strip())

@@ -271,7 +271,8 @@ def split_list(text: str, decimal_comma: bool) -> list[str]:
     if decimal_comma:
         text = re.sub(r"(?<=\d),(?=\d)", ".", text)
     text = _LAST_SEPARATOR.sub("", text)
-    return [part or "-" for part in _split_words(text)]
+    parts = _split_words(text)
+    return [part or "-" for part in parts] if any(parts) else []
 
 
 def _split_words(text: str) -> list[str]:

@@ -62,10 +62,10 @@ class LineSplitter:
         self._oversize, self._synchronised = False, True
         if oversize:
             return Refusal.OVERSIZE
-        if b"\x1b" in line:
-            line = _COLOUR.sub(b"", line)
         if not line.strip(BLANK):
             return ""
+        if b"\x1b" in line:
+            line = _COLOUR.sub(b"", line) or line
         if not _PRINTABLE.fullmatch(line):
             return Refusal.ENCODING
         return line.decode("ascii") if whole else Refusal.FIELDS

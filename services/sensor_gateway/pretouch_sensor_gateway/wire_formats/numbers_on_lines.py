@@ -8,6 +8,7 @@ from dataclasses import dataclass
 _VALUE = re.compile(
     r"""(?P<clock>(?<![\w.:])\d{1,2}:\d{2}:\d{2}(?:[.,]\d{1,6})?(?![\w:]))
     |(?P<index>(?<=[A-Za-z_])\d{1,2}(?=\W{0,2}\s*[:=]))
+    |(?P<comma>(?<![\w.])[+-]?\d+,\d+(?=\s*(?:mm|cm|m)(?![A-Za-z])))
     |(?P<number>(?<![\w.])(?:[+-](?=[\d.]))?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?(?=[A-Za-z]{0,6}(?![\w.])))
     |(?P<word>(?<!\w)(?:nan|none|null|true|false|[+-]?inf(?:inity)?)(?!\w))""",
     re.IGNORECASE | re.VERBOSE,
@@ -24,8 +25,10 @@ class Value:
     """A number, or a word in a number's place.
 
     Attributes:
-        kind: "number", "word", "clock" (hours:minutes:seconds) or "index" (digits at the end of a name).
-        label: what is written before it, since the number before; after: what is written until the next.
+        kind: "number", "comma" (a number that may have a decimal comma), "word", "clock" (hours:minutes:seconds) or
+            "index" (digits at the end of a name).
+        label: what is written before it, since the number before, with the index of its name; after: what is written
+            until the next.
         unit: mm, cm or m, if one is written beside it; else "".
     """
 
@@ -66,11 +69,13 @@ def find_values(line: str) -> tuple[Template, list[Value]]:
     edges = [0, *(match.end() for match in matches)]
     starts = [*(match.start() for match in matches), len(line)]
     literals = [line[edge:start] for edge, start in zip(edges, starts, strict=True)]
-    values = [
-        Value(str(match.lastgroup), match[0], literals[k], literals[k + 1], _unit(literals[k], literals[k + 1]))
-        for k, match in enumerate(matches)
-    ]
-    kinds = tuple("number" if value.kind == "word" else value.kind for value in values)
+    values: list[Value] = []
+    for k, match in enumerate(matches):
+        named = values[-1] if values and values[-1].kind == "index" else None
+        label = literals[k] if named is None else f"{named.label}{named.text}{literals[k]}"
+        unit = _unit(literals[k], literals[k + 1])
+        values.append(Value(str(match.lastgroup), match[0], label, literals[k + 1], unit))
+    kinds = tuple("number" if value.kind in ("word", "comma") else value.kind for value in values)
     return Template(tuple(re.sub(r"\s+", " ", each) for each in literals), kinds), values
 
 

@@ -107,7 +107,8 @@ def compile_pattern(text: str, ranges: RangeText, exact: bool = False) -> LinePa
             raise InvalidInput(f"The format {text!r} has {{{kind}}} twice.", _EXAMPLE)
     if "ranges" in kinds and ("range" in kinds or any(isinstance(each, Group) for each in compiler.fields)):
         raise InvalidInput(f"The format {text!r} has {{ranges}} beside other ranges.", _EXAMPLE)
-    return LinePattern(text, re.compile(rf"\s*{expression}\s*", re.IGNORECASE), tuple(compiler.fields), unit)
+    end = r"\s*[,;]?\s*" if "ranges" in kinds else r"\s*"
+    return LinePattern(text, re.compile(rf"\s*{expression}{end}", re.IGNORECASE), tuple(compiler.fields), unit)
 
 
 class _Compiler:
@@ -119,14 +120,16 @@ class _Compiler:
 
     def compile(self, text: str) -> str:
         """The regular expression of a part; adds its fields to `fields`."""
-        parts: list[tuple[str, str]] = []  # kind ("word", "mark", "blank", "field" or "group") and expression
+        parts: list[tuple[str, str]] = []  # kind ("word", "mark", "blank", "field", "range", "group") and expression
         at = 0
         while at < len(text):
             end, kind, expression = self._next(text, at)
             if kind == "word" and self._is_unit(parts, text[at:end]):
-                del parts[_last_field(parts) :]  # a unit after a range is part of the range, and must be there
+                while parts.pop()[0] != "range":
+                    pass
+                # a unit after a range is part of the range, and must be there
                 argument = str(getattr(self.fields[-1], "argument", ""))
-                parts.append(("field", f"({self._ranges.pattern(argument.endswith(','), with_unit=True)})"))
+                parts.append(("range", f"({self._ranges.pattern(argument.endswith(','), with_unit=True)})"))
             else:
                 parts.append((kind, expression))
             at = end
@@ -142,7 +145,7 @@ class _Compiler:
                 text[at - 1 : at] in (",", ";") or text[match.end() : match.end() + 1] in (",", ";")
             ):
                 expression = f"{expression[:-1]}|)"  # a cell of a table may be empty
-            return match.end(), "field", expression
+            return match.end(), "range" if match[1] == "range" else "field", expression
         if text[at] in "{}":
             raise InvalidInput(f"The format {self._whole!r} has a brace that is no field.", _EXAMPLE)
         if text[at] == "(" and (end := _closing(text, at)) is not None:
@@ -158,11 +161,8 @@ class _Compiler:
 
     def _is_unit(self, parts: list[tuple[str, str]], word: str) -> bool:
         """Whether `word` is the unit of the range that stands directly before it."""
-        if not self.fields or any(kind != "blank" for kind, _ in parts[_last_field(parts) + 1 :]):
-            return False
-        last = self.fields[-1]
-        names = UNIT_NAMES[self._ranges.unit]
-        return isinstance(last, Field) and last.kind == "range" and re.fullmatch(names, word, re.I) is not None
+        last = next((kind for kind, _ in reversed(parts) if kind != "blank"), "")
+        return last == "range" and re.fullmatch(UNIT_NAMES[self._ranges.unit], word, re.I) is not None
 
     def _field(self, kind: str, argument: str, last: bool) -> str:
         if kind not in _FIELDS:
@@ -171,7 +171,7 @@ class _Compiler:
         if kind == "any":
             return ".*" if last else r"[^,;\t]{0,80}?"
         if kind == "number":
-            return NUMBER
+            return rf"(?:{NUMBER}|nan|inf)"
         if kind == "time" and argument not in TIME_UNITS:
             raise InvalidInput(
                 f"The format {self._whole!r} has a time in {argument or 'no unit'}.",
@@ -228,17 +228,14 @@ class _Compiler:
     def _blank(self, before: str, after: str) -> str:
         if self._exact:
             return r"\s+"
-        if before == after == "field":
+        if before in _FIELD_PARTS and after in _FIELD_PARTS:
             return SEPARATOR
         if "mark" in (before, after) or not before or not after or "group" in (before, after):
             return r"\s*"
         return r"\s+"
 
 
-def _last_field(parts: list[tuple[str, str]]) -> int:
-    return max((k for k, (kind, _) in enumerate(parts) if kind == "field"), default=-1)
-
-
+_FIELD_PARTS = ("field", "range")
 _CAPTURING = re.compile(r"(?<!\\)\((?!\?)")
 """An opening parenthesis that captures, in an expression of this module, which has none in a character class."""
 

@@ -40,7 +40,7 @@ _VL53L1X_STATUS = {
 }
 """What Pololu's and SparkFun's VL53L1X libraries print for the sensor's status codes."""
 
-BARE: tuple[LineFormat, ...] = (
+BARE = (
     LineFormat("millimetres", ("{ranges:mm}",)),
     LineFormat("centimetres", ("{ranges:cm}",)),
     LineFormat("metres", ("{ranges:m}",)),
@@ -66,7 +66,7 @@ BARE: tuple[LineFormat, ...] = (
 )
 """Formats that `auto` never chooses: their lines do not tell the unit, or do, but not which sensor it is."""
 
-TELLING: tuple[LineFormat, ...] = (
+TELLING = (
     LineFormat(
         "pololu-vl53l1x-details",
         ("range: {range:mm} status: {status} peak signal: {any} ambient: {any}",),

@@ -65,7 +65,7 @@ class RangeText:
         unit = rf"\s*{UNIT_NAMES[self.unit]}\b"
         number = rf"{DECIMAL_COMMA if decimal_comma else NUMBER}(?:\s+timeout)?{unit if with_unit else f'(?:{unit})?'}"
         further = "".join(f"|{re.escape(word)}" for word in sorted(self.no_target, key=len, reverse=True))
-        return rf"(?:{number}(?:\s+timeout)?|{WORDS}{further})"
+        return rf"(?:{number}(?:\s+timeout)?|(?:{WORDS}{further})(?:{unit})?)"
 
     def read(self, text: str) -> Reading | None:
         """The reading that `text` stands for; None if it is a number that cannot be a range, or an unknown word."""
@@ -73,7 +73,9 @@ class RangeText:
             number = float(text)
         except ValueError:
             return self._read_word(text)
-        return self.read_number(number) if "_" not in text else None
+        if "_" in text or (math.isinf(number) and "inf" not in text.lower()):
+            return None
+        return self.read_number(number)
 
     def _read_word(self, text: str) -> Reading | None:
         if self._known.fullmatch(text) is None:

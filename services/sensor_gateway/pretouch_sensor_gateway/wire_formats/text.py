@@ -121,7 +121,7 @@ class TextParser:
         return Frame(reading, reading.readings, size)
 
     def _refuse(self, line: str, reason: str) -> Refusal:
-        self._reason = f"The line {quote(line)} is refused: {reason}."
+        self._reason = f"The line {quote(line)} is refused: {reason}{'' if reason.endswith('?') else '.'}"
         self._since_reason = 0
         return Refusal.FIELDS
 
@@ -145,11 +145,7 @@ class TextParser:
         micros = frame.last.micros
         step = None if self._time is None or micros is None else self._time.add(micros)
         if step is not None:
-            named = self._format.time_unit or ""
-            return (
-                f"its time goes on by {step / TIME_UNITS[named]:.6g} {named} from line to line, which no sensor does: is "
-                "it in another unit, s, ms or us, or no time?"
-            )
+            return self._time_doubt(step)
         if len(frame.readings) == 1 and self._named is None:
             self._alternation.add(frame.readings[0][0], METRES[unit] / 10**frame.last.decimals)
         if self._alternation.detected:
@@ -160,9 +156,18 @@ class TextParser:
             )
         return ""
 
+    def _time_doubt(self, step: float) -> str:
+        if not step:
+            return "its time stands still from line to line: print it finer, or skip it with {any}"
+        unit = self._format.time_unit or ""
+        return (
+            f"its time goes on by {step / TIME_UNITS[unit]:.6g} {unit.replace('hms', 's')} from line to line, which no "
+            "sensor does: is it in another unit, s, ms or us, or no time?"
+        )
+
     def _commas_are_unclear(self, line: str, ranges: int) -> bool:
         """Whether a comma may be a decimal comma, or a separator."""
-        commas = line.rstrip(" \t,").count(",")
+        commas = line.count(",")
         if not commas or "." in line or len(_DIGIT_COMMA_DIGIT.findall(line)) < commas:
             return False
         if re.search(r"[; \t]", line.strip()):
