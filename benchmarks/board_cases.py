@@ -13,7 +13,9 @@ from fastcrc import crc8
 
 SECONDS = 5.0
 """How long each board sends."""
-_BOOT = "ets Jul 29 2019 12:21:46\r\n\r\nrst:0x1 (POWERON_RESET),boot:0x13 (SPI_FAST_FLASH_BOOT)\r\nentry 0x400805e4\r\n"
+_BOOT = (
+    "ets Jul 29 2019 12:21:46\r\n\r\nrst:0x1 (POWERON_RESET),boot:0x13 (SPI_FAST_FLASH_BOOT)\r\nentry 0x400805e4\r\n"
+)
 _NO_TARGET_EVERY = 12
 """Of so many measurements one has no target."""
 
@@ -102,7 +104,9 @@ def _cm(value: float | None, digits: int = 1, none: str = "None") -> str:
 
 
 def _rows(side: int, prefix: str, value: float | None) -> str:
-    rows = [[0 if value is None else round(value) + side * row + column for column in range(side)] for row in range(side)]
+    rows = [
+        [0 if value is None else round(value) + side * row + column for column in range(side)] for row in range(side)
+    ]
     return "\r\n".join(prefix + ("\t" if prefix else " ").join(map(str, row)) for row in rows) + "\r\n\r\n"
 
 
@@ -118,7 +122,7 @@ def _teraranger(value: float | None) -> bytes:
 
 def _micropython(k: int, t: float, value: float | None) -> str:
     if t > 3.0:
-        stopped = "Traceback (most recent call last):\r\n  File \"main.py\", line 14, in <module>\r\nOSError: [Errno 110] ETIMEDOUT"
+        stopped = 'Traceback (most recent call last):\r\n  File "main.py", line 14, in <module>\r\nOSError: [Errno 110] ETIMEDOUT'
         return f"{stopped}\r\nMicroPython v1.22.2 on 2024-02-22; Raspberry Pi Pico\r\n>>> " if t < 3.0 + 1 / 29 else ""
     return f"distance: {_mm(value, 'None')} mm\r\n"
 
@@ -126,7 +130,11 @@ def _micropython(k: int, t: float, value: float | None) -> str:
 def _esphome(k: int, t: float, value: float | None) -> str:
     head = f"\x1b[0;36m[12:00:{int(t):02d}][D][sensor:094]: "
     metres = "nan" if value is None else f"{value / 1000:.5f}"
-    other = f"{head}'Board temperature': Sending state 41.20000 °C with 1 decimals of accuracy\x1b[0m\r\n" if k % 9 == 0 else ""
+    other = (
+        f"{head}'Board temperature': Sending state 41.20000 °C with 1 decimals of accuracy\x1b[0m\r\n"
+        if k % 9 == 0
+        else ""
+    )
     return f"{other}{head}'Fingertip': Sending state {metres} m with 3 decimals of accuracy\x1b[0m\r\n"
 
 
@@ -219,9 +227,7 @@ def load_cases(folder: Path, named: dict[str, tuple[str, int | None]]) -> list[B
     for name, entry in json.loads((folder / "index.json").read_text()).items():
         data = (folder / f"{name}.bin").read_bytes()
         starts = [0, *(end for _, end in entry["written"])]
-        writes = tuple(
-            (float(t), data[start:end]) for start, (t, end) in zip(starts, entry["written"], strict=False)
-        )
+        writes = tuple((float(t), data[start:end]) for start, (t, end) in zip(starts, entry["written"], strict=False))
         truth = tuple((float(t), None if value is None else float(value)) for t, value in entry["true_mm"])
         wire_format, modules = named.get(name, ("millimetres", None))
         cases.append(BoardCase(name, writes, truth, wire_format, modules))

@@ -214,7 +214,9 @@ def main() -> None:
     print(table)
     for asked in ("auto", "named"):
         counted = [each.verdict for each in results if (each.asked == AUTO) == (asked == "auto")]
-        print(f"{asked}: " + ", ".join(f"{counted.count(kind)} {kind}" for kind in ("read", "refused", "silent", "wrong")))
+        print(
+            f"{asked}: " + ", ".join(f"{counted.count(kind)} {kind}" for kind in ("read", "refused", "silent", "wrong"))
+        )
     if out.json:
         out.json.write_text(json.dumps([asdict(each) for each in results], indent=1) + "\n")
     if out.markdown:

@@ -29,11 +29,11 @@ restarts."""
 
 _END = re.compile(rb"[\0\r\n]")
 """What ends a frame or a line."""
-_FIXED_FRAMES = 4
 _FAR = 1.99
 """Metres. 200 or more in a frame may well be millimetres, of a sensor that sees nothing nearer than 0.2 m."""
-_BEFORE_INFERENCE = 8
-"""Lines before a pattern is inferred: the presets come first, and other kinds of lines may follow."""
+_INFERENCE_AFTER = (8, 12, 16, 24, 32, 48)
+"""Lines from the first with a unit on after which a pattern is inferred: the presets come first, and other kinds of lines
+may follow. Later it is tried after every `_LINES_KEPT` lines, for it takes a while."""
 _LINES_KEPT = 60
 _UNIT = re.compile(r"(?:^|[^A-Za-z])(?:mm|cm|m|(?:milli|centi)?met(?:er|re)s?)(?![A-Za-z])", re.IGNORECASE)
 
@@ -128,7 +128,7 @@ class _Detector:
         self._fixed = (FixedFrameParser(likely_benewake()), FixedFrameParser(TerarangerFrame()))
         self._splitter = LineSplitter()
         self._lines: deque[str] = deque(maxlen=_LINES_KEPT)
-        self._with_unit = 0
+        self._count = 0  # of the lines from the first with a unit on
 
     def add(self, piece: bytes) -> LineFormat | Parser | None:
         """The format, once it is certain. `piece` may contain one end of a frame or line, as its last byte."""
@@ -136,7 +136,7 @@ class _Detector:
             return BinaryParser()
         for parser in self._fixed:
             parser.feed(piece)
-            if parser.consecutive >= _FIXED_FRAMES and parser.believed and not parser.problem:
+            if parser.established:
                 return FixedFrameParser(parser.kind)
         for line in self._splitter.feed(piece):
             found = self._add_line(line) if isinstance(line, str) and line else None
@@ -149,8 +149,10 @@ class _Detector:
         preset = next((each for each in TELLING if each.tells(line) and each.told_by(self._lines)), None)
         if preset is not None:
             return preset
-        self._with_unit += bool(_UNIT.search(line))
-        if not self._with_unit or len(self._lines) < _BEFORE_INFERENCE:
+        if not self._count and _UNIT.search(line) is None:
+            return None
+        self._count += 1
+        if self._count not in _INFERENCE_AFTER and self._count % _LINES_KEPT:
             return None
         inference = infer(list(self._lines))
         if inference is None or inference.question or inference.pending:

@@ -8,6 +8,10 @@ from typing import Protocol
 from pretouch_sensor_gateway.wire_formats.parser import OK, DeviceMessage, Measurement, Refusal
 
 
+_ESTABLISHED = 4
+"""Frames without a gap that nothing else sends by chance: their headers and checksums are 8 bytes or more."""
+
+
 class FrameKind(Protocol):
     """One maker's frame."""
 
@@ -48,7 +52,8 @@ class FixedFrameParser:
 
     Attributes:
         consecutive: sound frames that came without a gap.
-        believed: ranges so far.
+        established: whether so many came without a gap, a range among them and none that cannot be believed, that nothing
+            else sends such bytes.
         problem: why the last sound frame cannot be believed; "" if it can.
     """
 
@@ -60,7 +65,8 @@ class FixedFrameParser:
         self.unit = kind.unit
         self.problem = ""
         self.refused: Counter[Refusal] = Counter()
-        self.consecutive = self.believed = 0
+        self.consecutive = self._ranges = self._incredible = 0  # since the last gap
+        self.established = False
         self.kind = kind
         self._buffer = bytearray()
         self._in_gap = False
@@ -77,9 +83,9 @@ class FixedFrameParser:
                 self._in_gap = False
                 outcome = kind.read(frame)
                 self.problem = outcome if isinstance(outcome, str) else ""
+                self._count(outcome)
                 if isinstance(outcome, Measurement) and self.consecutive > 1:
                     received.append(outcome)
-                    self.believed += outcome.status[0] == OK
                 else:
                     self.refused[Refusal.FIELDS] += 1
                 continue
@@ -91,10 +97,18 @@ class FixedFrameParser:
 
     def restart(self) -> None:
         self._buffer.clear()
-        self.consecutive, self._in_gap, self.problem = 0, False, ""
+        self.consecutive = self._ranges = self._incredible = 0
+        self.established, self._in_gap, self.problem = False, False, ""
+
+    def _count(self, outcome: Measurement | str) -> None:
+        if isinstance(outcome, str):
+            self._incredible += 1
+        else:
+            self._ranges += outcome.status[0] == OK
+        self.established |= self.consecutive >= _ESTABLISHED and self._ranges > 0 and not self._incredible
 
     def _skip(self) -> None:
-        self.consecutive = 0
+        self.consecutive = self._ranges = self._incredible = 0
         if not self._in_gap:
             self.refused[Refusal.CHECKSUM] += 1
         self._in_gap = True

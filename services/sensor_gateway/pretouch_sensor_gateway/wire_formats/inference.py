@@ -151,7 +151,8 @@ def _infer_kind(kind: _Kind, header: Sequence[str] = ()) -> Inference:
     pending, unclear_status = _add_other_fields(kind, fields)
     pattern = _pattern(kind, fields, header)
     example = quote(kind.lines[-1])
-    if len(columns) > 1 and any(not _says_range(kind.rows[-1][column]) for column in columns) and not doubtful:
+    labelled = [kind.rows[-1][column] for column in columns if not kind.rows[-1][column].continues]
+    if len(labelled) > 1 and not doubtful and not all(map(_says_range, labelled)):
         doubtful = columns
     if _FOREIGN_UNIT.match(kind.rows[-1][columns[0]].after):
         question = f"Lines such as {example} are not in mm, cm or m: print one of these"
