@@ -1,7 +1,8 @@
 """Plays what well-known boards print on pseudo-terminals, and says what the gateway makes of it.
 
-`python -m benchmarks.gateway_boards [FOLDER] [--json OUT] [--markdown OUT]`: the boards of `board_cases`, and of a folder
-with `index.json` and a file of bytes for each. Each is read twice: with `auto`, and with the format that its user would name.
+`python -m benchmarks.gateway_boards [FOLDER] [--json OUT] [--markdown OUT]`: the boards of `board_cases`, and of a
+folder with `index.json` and a file of bytes for each. Each is read twice: with `auto`, and with the format that its
+user would name.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ import structlog
 from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.serial_source import SerialSource
 from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD
-from pretouch_sensor_gateway.wire_formats.registry import AUTO, create_parser
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO
+from pretouch_sensor_gateway.wire_formats.registry import create_parser
 from pretouch_sensor_gateway.wire_formats.text import Modules
 
 from benchmarks.board_cases import CASES, BoardCase, load_cases
@@ -107,7 +109,7 @@ async def play(case: BoardCase, asked: str) -> Result:
     )
     running = asyncio.create_task(source.run())
     try:
-        while source.status().connections == 0:
+        while source.status().connections == 0:  # noqa: ASYNC110
             await asyncio.sleep(0.01)
         start = loop.time()
         for t, data in case.writes:
@@ -176,7 +178,8 @@ async def run(cases: list[BoardCase]) -> list[Result]:
 def markdown(results: list[Result]) -> str:
     """The table of docs/results/boards.md."""
     lines = [
-        "| board | format asked | read as | unit | Hz (sent) | modules | median error, mm | wrong, false, missed | outcome | `problem` |",
+        "| board | format asked | read as | unit | Hz (sent) | modules | median error, mm | wrong, false, missed |"
+        " outcome | `problem` |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for each in results:

@@ -9,13 +9,13 @@ from collections.abc import Iterable
 
 from cobs import cobs
 from fastcrc import crc16
-from pretouch_sensor_gateway.wire_formats.auto_detection import MAX_UNDETECTED
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, MAX_UNDETECTED
 from pretouch_sensor_gateway.wire_formats.binary import MAX_FRAME
 from pretouch_sensor_gateway.wire_formats.line_splitter import BLANK, MAX_LINE
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, MAX_FIRMWARE, MAX_MODULES
 from pretouch_sensor_gateway.wire_formats.parser import OK, DeviceMessage, Identity, Measurement, Parser, Refusal
 from pretouch_sensor_gateway.wire_formats.presets import PRESETS
-from pretouch_sensor_gateway.wire_formats.registry import AUTO, FORMATS, create_parser
+from pretouch_sensor_gateway.wire_formats.registry import FORMATS, create_parser
 
 from fuzz.streams import BARE, STREAMS
 

@@ -9,9 +9,9 @@ import pytest
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
 from pretouch_sensor_gateway.measurement_pipeline import MAX_HELD, MeasurementPipeline
 from pretouch_sensor_gateway.range_batch import Flag, RangeBatch
-from pretouch_sensor_gateway.wire_formats.registry import create_parser
 from pretouch_sensor_gateway.wire_formats.binary import BinaryParser, encode
 from pretouch_sensor_gateway.wire_formats.parser import Measurement, Refusal
+from pretouch_sensor_gateway.wire_formats.registry import create_parser
 
 from benchmarks.virtual_finger import VirtualFinger
 

@@ -8,11 +8,11 @@ import math
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.wire_formats.registry import create_parser
-from pretouch_sensor_gateway.wire_formats.text import Modules
 from pretouch_sensor_gateway.wire_formats.line_splitter import MAX_LINE, LineSplitter
 from pretouch_sensor_gateway.wire_formats.messages import MAX_MODULES
 from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Measurement, Parser, Refusal
+from pretouch_sensor_gateway.wire_formats.registry import create_parser
+from pretouch_sensor_gateway.wire_formats.text import Modules
 
 NAN = math.nan
 TEXT_FORMATS = ("millimetres", "time-millimetres", "millimetres-time", "adafruit-vl6180x-triple", "stm32duino")

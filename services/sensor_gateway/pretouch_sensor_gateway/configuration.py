@@ -6,7 +6,7 @@
 
     [devices.finger]
     address = "/dev/serial/by-id/usb-Pretouch_Finger_0042-if00"
-    format = "binary"                        # default "auto": recognised; a preset, or a pattern: "{time:ms},{range:mm}"
+    format = "binary"                        # default "auto": recognised; or a pattern: "{time:ms},{range:mm}"
     baud = 115200
     latency = 0.012                          # s; left out: not known
     calibration = "finger.json"              # what `pretouch gateway calibrate` wrote
@@ -15,7 +15,7 @@
     modules = [                              # tip_T_module of each; default: one module at the tip
         { translation = [0, 0, 0], rotation = [0, 0, 0, 1] },
     ]
-    zones = "vl53l5cx-8x8"                   # a multizone sensor: its zones are the modules, and modules its one pose
+    zones = "vl53l5cx-8x8"                   # of a multizone sensor: the zones are the modules, and modules its one pose
 
 Paths are relative to the file's folder.
 """
@@ -25,7 +25,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pretouch.errors import InvalidInput, NotFound, TooLarge
@@ -36,8 +36,9 @@ from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.recording.validation import check_recording
 from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD, parse_address
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO
 from pretouch_sensor_gateway.wire_formats.presets import PRESETS
-from pretouch_sensor_gateway.wire_formats.registry import AUTO, create_parser
+from pretouch_sensor_gateway.wire_formats.registry import create_parser
 from pretouch_sensor_gateway.wire_formats.text import Modules
 from pretouch_sensor_gateway.zones import find_zones
 
@@ -78,7 +79,7 @@ class DeviceSetting:
     calibration: Calibration | None = None
     tip_T_module: tuple[Pose, ...] = (Pose.identity(),)
     record: bool = False
-    modules: Modules = Modules()
+    modules: Modules = field(default_factory=Modules)
     no_target: tuple[object, ...] = ()
 
     def __post_init__(self) -> None:
@@ -182,8 +183,15 @@ def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
             tip_T_module=tip_T_module,
             record=record,
             modules=modules,
-            no_target=tuple(members.items("no_target")) if "no_target" in members else (),
+            no_target=_read_no_target(members.items("no_target")) if "no_target" in members else (),
         )
+
+
+def _read_no_target(values: list[object]) -> tuple[object, ...]:
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float | str) or value == "":
+            raise InvalidInput("no_target holds what no line can hold.", 'List numbers and words: [9999, "no object"].')
+    return tuple(values)
 
 
 def _read_modules(members: Members, wire_format: str) -> tuple[tuple[Pose, ...], Modules]:

@@ -36,6 +36,6 @@ class StuckRanges:
             return ""
         module = int(stuck[0])
         return (
-            f"Module {module} has shown {self._last[module] * 1000:g} mm {self._counts[module] + 1} times in a row, without "
-            "any noise: is its program frozen, or the sensor covered?"
+            f"Module {module} has shown {self._last[module] * 1000:g} mm {self._counts[module] + 1} times in a row, "
+            "without any noise: is its program frozen, or the sensor covered?"
         )

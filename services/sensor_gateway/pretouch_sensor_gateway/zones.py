@@ -1,7 +1,8 @@
 """The zones of multizone sensors as modules with their own directions.
 
-The directions follow from the field of view that a data sheet states: equal angles for all zones of a row or column. They
-are in the sensor's own frame: z along the optical axis, x to the right and y down in the picture that is printed row by row.
+The directions follow from the field of view that a data sheet states: equal angles for all zones of a row or column.
+They are in the sensor's own frame: z along the optical axis, x to the right and y down in the picture that is printed
+row by row.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ class ZoneLayout:
 
 
 _SENSORS = {"vl53l5cx": (45.0, True), "vl53l7cx": (60.0, True), "vl53l8cx": (45.0, True)}
-"""Angle across the square field of view, deg, and whether distances are along the axis. ST data sheets DS13754 (VL53L5CX, 63 deg
-diagonal), DS18365 (VL53L7CX, 90 deg diagonal) and DS14161 (VL53L8CX, 65 deg diagonal) and their driver manuals."""
+"""Angle across the square field of view, deg, and whether distances are along the axis. ST data sheets DS13754
+(VL53L5CX, 63 deg diagonal), DS14161 (VL53L8CX, 65 deg diagonal) and that of the VL53L7CX (90 deg diagonal)."""
 LAYOUTS: Mapping[str, ZoneLayout] = MappingProxyType(
     {
         f"{name}-{side}x{side}": ZoneLayout(side, (angle, angle), along_axis)

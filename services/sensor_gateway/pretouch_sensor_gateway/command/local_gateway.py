@@ -17,7 +17,7 @@ from typing import IO, Any
 from pretouch.errors import DeadlineExceeded, Unavailable
 from pretouch_sensor_gateway.configuration import VARIABLE, DeviceSetting
 from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD
-from pretouch_sensor_gateway.wire_formats.registry import AUTO
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO
 
 DEVICE = "finger"
 """The device's name in the local gateway."""

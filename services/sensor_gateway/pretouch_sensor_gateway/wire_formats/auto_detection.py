@@ -1,8 +1,8 @@
 """Detects a device's wire format from what it sends, and parses it.
 
-A format is chosen only when it is certain, and never by a guess of the unit: one whole frame of the gateway's own binary
-format, four of another maker's, two lines that only one known sketch prints, or several that tell their unit. Bare numbers
-are never read: `diagnosis` asks the user for the unit.
+A format is chosen only when it is certain, and never by a guess of the unit: one whole frame of the gateway's own
+binary format, four of another maker's, two lines that only one known sketch prints, or several that tell their unit.
+Bare numbers are never read: `diagnosis` asks the user for the unit.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _END = re.compile(rb"[\0\r\n]")
 _FAR = 1.99
 """Metres. 200 or more in a frame may well be millimetres, of a sensor that sees nothing nearer than 0.2 m."""
 _INFERENCE_AFTER = (8, 12, 16, 24, 32, 48)
-"""Lines from the first with a unit on after which a pattern is inferred: the presets come first, and other kinds of lines
-may follow. Later it is tried after every `_LINES_KEPT` lines, for it takes a while."""
+"""Lines from the first with a unit on after which a pattern is inferred: the presets come first, and other kinds of
+lines may follow. Later it is tried after every `_LINES_KEPT` lines, for it takes a while."""
 _LINES_KEPT = 60
 _UNIT = re.compile(r"(?:^|[^A-Za-z])(?:mm|cm|m|(?:milli|centi)?met(?:er|re)s?)(?![A-Za-z])", re.IGNORECASE)
 

@@ -1,9 +1,9 @@
 """The 9-byte frames of Benewake's TF-Luna, TFmini, TFmini Plus and TFmini-S.
 
 0x59 0x59, distance low and high byte, strength low and high byte, two bytes of temperature or mode, and the sum of the
-eight bytes before. The distance is in centimetres unless the sensor was told otherwise. A strength below 100 or of 65535
-means that the distance is not reliable; 0 and 65532 to 65535 are no distance. Source: Benewake, TF-Luna manual SJ-PM-TF-Luna
-A05, section 6.4 and appendix I; TFmini-S manual SJ-PM-TFmini-S A01, tables 7 and 8.
+eight bytes before. The distance is in centimetres unless the sensor was told otherwise. A strength below 100 or of
+65535 means that the distance is not reliable; 0 and 65532 to 65535 are no distance. Source: Benewake, TF-Luna manual
+SJ-PM-TF-Luna A05, section 6.4 and appendix I; TFmini-S manual SJ-PM-TFmini-S A01, tables 7 and 8.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class BenewakeFrame:
             return Measurement(None, None, None, (math.nan,), (NO_TARGET,), self.length)
         if metres > self._max_range:
             return (
-                f'A distance of {distance} is far, if it is in {self.unit}. Is it in mm? Then set format = "tf-luna-mm", else '
-                '"tf-luna"; frames do not tell their unit.'
+                f"A distance of {distance} is far, if it is in {self.unit}. Is it in mm? Then set format = "
+                '"tf-luna-mm", else "tf-luna"; frames do not tell their unit.'
             )
         return Measurement(None, None, None, (metres,), (OK,), self.length)

@@ -84,9 +84,9 @@ def _explain_bytes(recent: bytes, wire_format: str, baud: int) -> str:
         if parser.consecutive > 1 and wire_format == AUTO:
             return f'Frames of "{kind.name}" arrive, so far without a range.'
     return (
-        f"What arrives is neither text nor a known frame: the last bytes are {quote_bytes(recent[-16:])}. The likely cause "
-        f"is the baud rate: the port is read at {baud} baud. Set baud to what the board sends at (9600 and 115200 are "
-        "common); a board on USB has none, and then sends a format that is not known here."
+        f"What arrives is neither text nor a known frame: the last bytes are {quote_bytes(recent[-16:])}. The likely "
+        f"cause is the baud rate: the port is read at {baud} baud. Set baud to what the board sends at (9600 and "
+        "115200 are common); a board on USB has none, and then sends a format that is not known here."
     )
 
 

@@ -7,7 +7,6 @@ from typing import Protocol
 
 from pretouch_sensor_gateway.wire_formats.parser import OK, DeviceMessage, Measurement, Refusal
 
-
 _ESTABLISHED = 4
 """Frames without a gap that nothing else sends by chance: their headers and checksums are 8 bytes or more."""
 
@@ -47,12 +46,14 @@ class FrameKind(Protocol):
 class FixedFrameParser:
     """Parses frames of one kind (a `Parser`). Nothing is ever sent to such a device.
 
-    Bytes between two frames are skipped, and count as one refusal. Two frames in a row must be sound before the first is
+    Bytes between two frames are skipped, and count as one refusal. Two frames in a row must be sound before the first
+    is
     believed: a short checksum is right by chance too often.
 
     Attributes:
         consecutive: sound frames that came without a gap.
-        established: whether so many came without a gap, a range among them and none that cannot be believed, that nothing
+        established: whether so many came without a gap, a range among them and none that cannot be believed, that
+            nothing
             else sends such bytes.
         problem: why the last sound frame cannot be believed; "" if it can.
     """

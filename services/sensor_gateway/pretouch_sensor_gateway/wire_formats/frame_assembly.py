@@ -64,9 +64,9 @@ class RowAssembly:
 class ModuleAssembly:
     """Assembles frames of one line for each module, which names it.
 
-    Modules are in the order of their names: numbers by value, then words by the alphabet. The first round of names, or as
-    many names as the device has modules, says which there are. A frame is complete with its last module, or when a module
-    comes again: those that did not come have no answer.
+    Modules are in the order of their names: numbers by value, then words by the alphabet. The first round of names, or
+    as many names as the device has modules, says which there are. A frame is complete with its last module, or when a
+    module comes again: those that did not come have no answer.
 
     Args:
         count: modules that the device has; None: as many as come before one comes again.

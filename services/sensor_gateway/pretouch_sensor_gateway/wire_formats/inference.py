@@ -121,8 +121,8 @@ def _several(kinds: list[_Kind]) -> Inference:
     unit = next(value.unit for value in kinds[0].rows[-1] if value.unit)
     return Inference(
         "",
-        f"Two kinds of lines hold a length, {quote(first)} and {quote(second)}: which is the range, or are both, of two "
-        f'modules? Set format to a pattern of the one, as "Distance: {{range:{unit}}} {unit}", or of both, with the '
+        f"Two kinds of lines hold a length, {quote(first)} and {quote(second)}: which is the range, or are both, "
+        f'of two modules? Set format to a pattern of the one, as "Distance: {{range:{unit}}} {unit}", or of both, with the '
         f'module\'s name as {{module}}: "{{module}}: {{range:{unit}}} {unit}"',
     )
 
@@ -184,8 +184,8 @@ def _infer_bare(kind: _Kind) -> Inference:
     if columns == 1:
         return Inference(
             "",
-            f'Lines are bare numbers such as {example}: mm, cm or m? Set format = "millimetres", "centimetres" or "metres", '
-            "or the name of the sketch",
+            f'Lines are bare numbers such as {example}: mm, cm or m? Set format = "millimetres", "centimetres" or '
+            '"metres", or the name of the sketch',
         )
     fields = ["{range:mm}"] * columns
     said = []
@@ -257,8 +257,12 @@ def _says_range(value: Value) -> bool:
 
 
 def _is_doubtful(value: Value) -> bool:
-    return any(_NOT_THE_RANGE.fullmatch(word) or (_NOT_THE_RANGE.match(word) and len(word) > 3 and word not in _RANGE_WORDS)
-               for word in value.words)  # fmt: skip
+    """Whether its label says that it is some other length, or none that a finger measures."""
+    return any(
+        _NOT_THE_RANGE.fullmatch(word)
+        or (len(word) > 3 and word not in _RANGE_WORDS and _NOT_THE_RANGE.match(word) is not None)
+        for word in value.words
+    )
 
 
 def _finest_of_the_same(kind: _Kind, columns: list[int]) -> list[int]:

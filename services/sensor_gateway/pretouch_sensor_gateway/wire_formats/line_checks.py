@@ -20,9 +20,9 @@ _FASTEST, _SLOWEST = 400.0, 5e6
 class AlternationCheck:
     """Detects two sensors that print on alternate lines, neither of which is named.
 
-    Every range then lies on the other side of the one before, far from it and near the one before that. The noise of one
-    sensor does not: its ranges differ as much from the second last as from the last. Once detected, it stays: when both
-    sensors see the same distance nothing tells them apart.
+    Every range then lies on the other side of the one before, far from it and near the one before that. The noise of
+    one sensor does not: its ranges differ as much from the second last as from the last. Once detected, it stays: when
+    both sensors see the same distance nothing tells them apart.
     """
 
     def __init__(self) -> None:

@@ -7,8 +7,8 @@ import re
 from pretouch_sensor_gateway.wire_formats.parser import Refusal
 
 MAX_LINE = 1024
-"""Longest line without its end, bytes: 64 modules with range and status. It bounds the memory that a line without an end
-takes."""
+"""Longest line without its end, bytes: 64 modules with range and status. It bounds the memory that a line without an
+end takes."""
 BLANK = b" \t"
 """A line of these alone is blank."""
 

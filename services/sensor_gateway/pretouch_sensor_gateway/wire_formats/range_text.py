@@ -31,8 +31,9 @@ UNIT_NAMES = {
 NUMBER = r"[+-]?(?:\d{1,15}(?:\.\d{0,12})?|\.\d{1,12})(?:e[+-]?\d{1,2})?"
 DECIMAL_COMMA = r"[+-]?\d{1,15}(?:[.,]\d{1,12})?"
 WORDS = (
-    r"(?:[+-]?nan|[+-]?inf(?:inity)?|none|null|n/?a|oor|ovf|invalid|error|fail(?:ed)?|no[ _-]?(?:target|object|echo|reading)"
-    r"|out[ _-]?of[ _-]?(?:range|bounds)|over[ _-]?range|too (?:far|close)|time(?:d )?-?out|-{1,3})"
+    r"(?:[+-]?nan|[+-]?inf(?:inity)?|none|null|n/?a|oor|ovf|invalid|error|fail(?:ed)?"
+    r"|no[ _-]?(?:target|object|echo|reading)|out[ _-]?of[ _-]?(?:range|bounds)|over[ _-]?range|too (?:far|close)"
+    r"|time(?:d )?-?out|-{1,3})"
 )
 """What libraries and sketches print in a range's place when there is none."""
 

@@ -64,6 +64,6 @@ def find_line_format(name: str) -> LineFormat:
         meant = f" Did you mean {' or '.join(near)}?" if near else ""
         raise InvalidInput(
             f"There is no wire format {name!r}.{meant}",
-            f"Choose one of {', '.join(FORMATS)}; or write a line of the device with fields, as {{time:ms}},{{range:mm}}.",
+            f"Choose one of {', '.join(FORMATS)}; or write a line with fields in it, as {{time:ms}},{{range:mm}}.",
         )
     return PRESETS[name]

@@ -1,7 +1,7 @@
 """The 4-byte frames of Terabee's TeraRanger Evo.
 
-"T", the distance in millimetres, high byte first, and a CRC-8 (polynomial 0x07) of these three bytes. 0: too close, 0xFFFF: too
-far, 1: not measured. Source: Terabee, TeraRanger Evo data sheets, section 4.4.3, UART output format.
+"T", the distance in millimetres, high byte first, and a CRC-8 (polynomial 0x07) of these three bytes. 0: too close,
+0xFFFF: too far, 1: not measured. Source: Terabee, TeraRanger Evo data sheets, section 4.4.3, UART output format.
 """
 
 from __future__ import annotations

@@ -39,9 +39,9 @@ class Modules:
 class TextParser:
     """Parses a line-based format (a `Parser`). Nothing is ever sent to such a device.
 
-    Lines have no checksum, so a lost byte can join or cut numbers, and a module that falls out can shift the others: a line
-    with another number of ranges than the device has modules is refused. Where the number is not stated the first lines
-    say it: the first that two consecutive lines agree on stays.
+    Lines have no checksum, so a lost byte can join or cut numbers, and a module that falls out can shift the others: a
+    line with another number of ranges than the device has modules is refused. Where the number is not stated the first
+    lines say it: the first that two consecutive lines agree on stays.
     """
 
     two_way = False
@@ -130,8 +130,8 @@ class TextParser:
         unit = self.unit
         if self._format.takes_list and self._commas_are_unclear(line, len(frame.readings)):
             return (
-                f'its comma may be a decimal comma, or part two numbers. Set format = "{{range:{unit},}}" for one range '
-                f'with a decimal comma, "{{range:{unit}}},{{range:{unit}}}" for two modules, or '
+                f'its comma may be a decimal comma, or part two numbers. Set format = "{{range:{unit},}}" for one '
+                f'range with a decimal comma, "{{range:{unit}}},{{range:{unit}}}" for two modules, or '
                 f'"{{range:{unit}}},{{status}}" for a range and its status'
             )
         count = self._modules.count or self._count
@@ -139,8 +139,8 @@ class TextParser:
             stated = "" if self._modules.count is None else " in the configuration"
             return (
                 f"it has {len(frame.readings)} {_plural('range', len(frame.readings))}, and the device has {count} "
-                f"{_plural('module', count)}{stated}: is one unplugged, or a column no range? Which is missing the line "
-                "does not say"
+                f"{_plural('module', count)}{stated}: is one unplugged, or a column no range? Which is missing the "
+                "line does not say"
             )
         micros = frame.last.micros
         step = None if self._time is None or micros is None else self._time.add(micros)
@@ -191,8 +191,8 @@ class TextParser:
         if self._never_good < _NEVER_GOOD:
             return ""
         return (
-            f"No status was good on the last {self._never_good} lines, as on {quote(line)}. If that status is good, name it "
-            "in the format: {status:5|9}."
+            f"No status was good on the last {self._never_good} lines, as on {quote(line)}. If that status is good, "
+            "name it in the format: {status:5|9}."
         )
 
     def _measurement(self, frame: Frame) -> Measurement:
