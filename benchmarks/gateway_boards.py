@@ -70,7 +70,7 @@ class Result:
         median_error: mm, of the first module, against the true range nearest in time; NaN: no range.
         wrong: ranges that are off by more than the motion between two measurements.
         false_ranges: ranges where there was no target; missed: targets without a range.
-        verdict: "read", "refused" with a reason, or "wrong".
+        outcome: "read", "refused" with a reason, or "wrong".
     """
 
     name: str
@@ -85,7 +85,7 @@ class Result:
     false_ranges: int
     missed: int
     problem: str
-    verdict: str
+    outcome: str
 
 
 async def play(case: BoardCase, asked: str) -> Result:
@@ -146,9 +146,9 @@ def _result(
     got = int(np.isfinite(ranges).sum())
     later, later_true = int(np.sum(times > _SETTLED)), int(np.sum(truth_t > _SETTLED))
     span = case.truth[-1][0] - _SETTLED
-    verdict = "read" if later > 0.85 * later_true and got else "refused" if problem else "silent"
+    outcome = "read" if later > 0.85 * later_true and got else "refused" if problem else "silent"
     if (wrong or false_ranges) and not problem:
-        verdict = "wrong"
+        outcome = "wrong"
     return Result(
         case.name,
         asked,
@@ -162,7 +162,7 @@ def _result(
         false_ranges,
         missed,
         problem,
-        verdict,
+        outcome,
     )
 
 
@@ -193,7 +193,7 @@ def markdown(results: list[Result]) -> str:
             str(each.modules or ""),
             error,
             f"{each.wrong}, {each.false_ranges}, {each.missed}" if each.modules else "",
-            each.verdict,
+            each.outcome,
             each.problem.replace("|", "\\|"),
         )
         lines.append(f"| {' | '.join(cells)} |")
@@ -216,7 +216,7 @@ def main() -> None:
     table = markdown(results)
     print(table)
     for asked in ("auto", "named"):
-        counted = [each.verdict for each in results if (each.asked == AUTO) == (asked == "auto")]
+        counted = [each.outcome for each in results if (each.asked == AUTO) == (asked == "auto")]
         print(
             f"{asked}: " + ", ".join(f"{counted.count(kind)} {kind}" for kind in ("read", "refused", "silent", "wrong"))
         )

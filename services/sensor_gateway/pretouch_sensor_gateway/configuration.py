@@ -15,7 +15,7 @@
     modules = [                              # tip_T_module of each; default: one module at the tip
         { translation = [0, 0, 0], rotation = [0, 0, 0, 1] },
     ]
-    zones = "vl53l5cx-8x8"                   # of a multizone sensor: the zones are the modules, and modules its one pose
+    zones = "vl53l5cx-8x8"                   # a multizone sensor: its zones are the modules, and modules its one pose
 
 Paths are relative to the file's folder.
 """

@@ -122,8 +122,8 @@ def _several(kinds: list[_Kind]) -> Inference:
     return Inference(
         "",
         f"Two kinds of lines hold a length, {quote(first)} and {quote(second)}: which is the range, or are both, "
-        f'of two modules? Set format to a pattern of the one, as "Distance: {{range:{unit}}} {unit}", or of both, with the '
-        f'module\'s name as {{module}}: "{{module}}: {{range:{unit}}} {unit}"',
+        f'of two modules? Set format to a pattern of the one, as "Distance: {{range:{unit}}} {unit}", or of both, with '
+        f'the module\'s name as {{module}}: "{{module}}: {{range:{unit}}} {unit}"',
     )
 
 

@@ -20,6 +20,7 @@ _SEQUENCE_MODULUS = 2**32
 _SPLIT = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")
 _LAST_SEPARATOR = re.compile(r"[ \t]*[,;]$")
 _DECIMALS = re.compile(r"[.,](\d+)")
+_NUMERIC = re.compile(r"[-+.]?\d")
 _TIME_NUMBER = re.compile(r"[\d.]+")
 
 
@@ -109,6 +110,11 @@ class LineFormat:
         return any(isinstance(each, Field) and each.kind == "module" for each in self.compiled[0].fields)
 
     @property
+    def decimal_comma(self) -> bool:
+        """Whether commas in its ranges are decimal commas."""
+        return ",}" in self.patterns[0]
+
+    @property
     def has_status(self) -> bool:
         """Whether its lines hold the status of their ranges."""
         return "{status" in self.patterns[0]
@@ -163,7 +169,7 @@ class LineFormat:
     def _without_target(self) -> re.Pattern[str] | None:
         return _any_of(self.no_target_lines)
 
-    def _interpret(self, pattern: LinePattern, match: re.Match[str]) -> LineReading | Misread:
+    def _interpret(self, pattern: LinePattern, match: re.Match[str]) -> LineReading | Misread | None:
         micros = sequence = module = None
         pending = 0
         cells = _Cells()
@@ -188,7 +194,7 @@ class LineFormat:
             elif each.kind == "pending":
                 pending = int(text, 16)
         readings = self._readings(cells, pending)
-        if isinstance(readings, Misread):
+        if not isinstance(readings, tuple):
             return readings
         return LineReading(micros, sequence, module, readings, cells.decimals)
 
@@ -203,7 +209,7 @@ class LineFormat:
             cells.texts += repetition.texts
             cells.codes += repetition.codes
 
-    def _readings(self, cells: _Cells, pending: int) -> tuple[Reading, ...] | Misread:
+    def _readings(self, cells: _Cells, pending: int) -> tuple[Reading, ...] | Misread | None:
         if pending >> len(cells.texts):
             return Misread("it says of more modules than it has that they did not answer")
         readings = []
@@ -212,6 +218,8 @@ class LineFormat:
                 return Misread("a range is missing")
             reading = self._reading(text, code)
             if reading is None:
+                if not text or _NUMERIC.match(text) is None:
+                    return None  # a line of words
                 return Misread(f"{text} is no range in {self.unit}: is it another unit, or another column?")
             readings.append((math.nan, NO_ANSWER) if pending >> k & 1 else reading)
         return tuple(readings) or Misread("no range stands where the ranges should be")

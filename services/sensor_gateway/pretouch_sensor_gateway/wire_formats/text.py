@@ -128,7 +128,11 @@ class TextParser:
     def _doubt(self, line: str, frame: Frame) -> str:
         """Why a frame cannot be believed; "" if it can."""
         unit = self.unit
-        if self._format.takes_list and self._commas_are_unclear(line, len(frame.readings)):
+        if (
+            self._format.takes_list
+            and not self._format.decimal_comma
+            and self._commas_are_unclear(line, len(frame.readings))
+        ):
             return (
                 f'its comma may be a decimal comma, or part two numbers. Set format = "{{range:{unit},}}" for one '
                 f'range with a decimal comma, "{{range:{unit}}},{{range:{unit}}}" for two modules, or '
