@@ -77,6 +77,7 @@ def test_a_line_is_read_as_its_pattern_says(
         ("{range:mm} {status}", "92"),
         ("d={range:mm}", "d=92 x"),
         ("{ranges:mm}", "1 2 3x"),
+        ("a={range:mm}( b={range:mm})?", "a=92"),
     ],
 )
 def test_a_line_that_is_not_of_the_pattern_is_refused(pattern: str, line: str) -> None:

@@ -129,8 +129,8 @@ def _explain_lines(lines: Sequence[str], wire_format: str) -> str:
 
 def _alternation(lines: Sequence[str]) -> str:
     """A warning if bare numbers are of two sensors in turns."""
-    check = AlternationCheck()
+    check = AlternationCheck(0.001)
     for line in lines:
         if re.fullmatch(r"\s*\d+(?:\.\d+)?\s*", line):
-            check.add(float(line) / 1000, 0.001)
+            check.add(float(line) / 1000, line)
     return "Two sensors seem to print on alternate lines, which nothing tells apart. " if check.detected else ""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pretouch_sensor_gateway.wire_formats.line_format import LineReading, Misread
 from pretouch_sensor_gateway.wire_formats.range_text import NO_ANSWER, Reading
 
 
-@dataclass(frozen=True)
-class Frame:
+class Frame(NamedTuple):
     """The readings of all modules, and the bytes of their lines."""
 
     last: LineReading

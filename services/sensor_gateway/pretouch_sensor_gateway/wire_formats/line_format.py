@@ -6,7 +6,8 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
+from typing import NamedTuple
 
 from pretouch_sensor_gateway.wire_formats.parser import OK
 from pretouch_sensor_gateway.wire_formats.pattern import TIME_UNITS, Field, Group, LinePattern, compile_pattern, unit_of
@@ -16,16 +17,16 @@ _GOOD_WORDS = frozenset({"ok", "okay", "valid", "good", "range valid", "rangeval
 _MODULI = {"s": 2**32 * 1000, "ms": 2**32 * 1000, "us": 2**32, "hms": 24 * 3600 * 1_000_000}
 """Microseconds at which each kind of time wraps: a 32-bit count of milliseconds after 49.7 days, one of microseconds
 after 71.6 minutes, a time of day after 24 hours."""
+_WHOLE_MICROS = {unit: int(micros) for unit, micros in TIME_UNITS.items()}
 _SEQUENCE_MODULUS = 2**32
+_NUMBERS = re.compile(r"[-+.,;\d \t]*")
 _SPLIT = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")
 _LAST_SEPARATOR = re.compile(r"[ \t]*[,;]$")
-_DECIMALS = re.compile(r"[.,](\d+)")
 _NUMERIC = re.compile(r"[-+.]?\d")
 _TIME_NUMBER = re.compile(r"[\d.]+")
 
 
-@dataclass(frozen=True)
-class LineReading:
+class LineReading(NamedTuple):
     """What a line says.
 
     Attributes:
@@ -33,14 +34,14 @@ class LineReading:
         sequence: its count; None if it has none.
         module: the name of the module that it is of; None: the line is of all modules.
         readings: a range and a status for each module, or for the one.
-        decimals: digits after the ranges' decimal point, at most.
+        text: of the first range.
     """
 
     micros: int | None
     sequence: int | None
     module: str | None
     readings: tuple[Reading, ...]
-    decimals: int
+    text: str
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class LineFormat:
     def unit(self) -> str:
         return self.ranges.unit
 
-    @property
+    @cached_property
     def time_unit(self) -> str | None:
         return self.compiled[0].time_unit
 
@@ -109,17 +110,17 @@ class LineFormat:
         """Whether a line is of one module, which it names."""
         return any(isinstance(each, Field) and each.kind == "module" for each in self.compiled[0].fields)
 
-    @property
+    @cached_property
     def decimal_comma(self) -> bool:
         """Whether commas in its ranges are decimal commas."""
         return ",}" in self.patterns[0]
 
-    @property
+    @cached_property
     def has_status(self) -> bool:
         """Whether its lines hold the status of their ranges."""
         return "{status" in self.patterns[0]
 
-    @property
+    @cached_property
     def takes_list(self) -> bool:
         """Whether a line has as many ranges as the device has modules."""
         return any(isinstance(each, Group) or each.kind == "ranges" for each in self.compiled[0].fields)
@@ -138,9 +139,10 @@ class LineFormat:
         for pattern in self.compiled:
             match = pattern.expression.fullmatch(line)
             if match is not None:
-                return self._interpret(pattern, match)
+                plain = self._interpret_plain(pattern, match) if pattern.plain and not self.status_of else None
+                return plain or self._interpret(pattern, match)
         if self._is_without_target(line):
-            return LineReading(None, None, None, ((math.nan, NO_TARGET),), 0)
+            return LineReading(None, None, None, ((math.nan, NO_TARGET),), "")
         return None
 
     def tells(self, line: str) -> bool:
@@ -169,20 +171,36 @@ class LineFormat:
     def _without_target(self) -> re.Pattern[str] | None:
         return _any_of(self.no_target_lines)
 
+    def _interpret_plain(self, pattern: LinePattern, match: re.Match[str]) -> LineReading | None:
+        """What a line of ranges, and perhaps a time, says, in a hurry; None if a range is odd."""
+        micros = None
+        texts: list[str] = []
+        for each, text in zip(pattern.fields, match.groups(), strict=True):
+            if text is None:
+                return None
+            if each.kind == "range":
+                texts.append(text or "-")
+            elif each.kind == "ranges":
+                texts += split_list(text, each.argument.endswith(","))
+            else:
+                micros = _micros(text, each.argument)
+        readings = [self.ranges.read(text) for text in texts]
+        valid = tuple([reading for reading in readings if reading is not None])
+        return LineReading(micros, None, None, valid, texts[0]) if len(valid) == len(texts) > 0 else None
+
     def _interpret(self, pattern: LinePattern, match: re.Match[str]) -> LineReading | Misread | None:
         micros = sequence = module = None
         pending = 0
         cells = _Cells()
         for each, text in zip(pattern.fields, match.groups(), strict=True):
-            if isinstance(each, Group):
-                self._repeated(each, text, cells)
-            elif each.kind == "range":
+            if each.kind == "range":
                 cells.add_range(text)
             elif text is None:
                 continue
+            elif isinstance(each, Group):
+                self._repeated(each, text, cells)
             elif each.kind == "ranges":
-                for part in split_list(text, each.argument.endswith(",")):
-                    cells.add_range(part)
+                cells.add_list(split_list(text, each.argument.endswith(",")))
             elif each.kind == "time":
                 micros = _micros(text, each.argument)
             elif each.kind == "status":
@@ -196,7 +214,7 @@ class LineFormat:
         readings = self._readings(cells, pending)
         if not isinstance(readings, tuple):
             return readings
-        return LineReading(micros, sequence, module, readings, cells.decimals)
+        return LineReading(micros, sequence, module, readings, cells.texts[0] or "")
 
     def _repeated(self, group: Group, text: str, cells: _Cells) -> None:
         for match in group.expression.finditer(text):
@@ -221,7 +239,7 @@ class LineFormat:
                 if not text or _NUMERIC.match(text) is None:
                     return None  # a line of words
                 return Misread(f"{text} is no range in {self.unit}: is it another unit, or another column?")
-            readings.append((math.nan, NO_ANSWER) if pending >> k & 1 else reading)
+            readings.append((math.nan, NO_ANSWER) if pending and pending >> k & 1 else reading)
         return tuple(readings) or Misread("no range stands where the ranges should be")
 
     def _reading(self, text: str | None, code: int | None) -> Reading | None:
@@ -236,8 +254,7 @@ class LineFormat:
     def _status(self, text: str, argument: str) -> int:
         """A status code of 8 bits, 0 if it is good."""
         word = text.strip().strip("()").strip().lower()
-        good = argument.lower().split("|") if argument else ["0", *_GOOD_WORDS]
-        if word in good:
+        if word in _good(argument):
             return OK
         if word in self.status_of:
             return self.status_of[word]
@@ -257,16 +274,15 @@ class _Cells:
         self.texts.append("-" if text == "" else text)
         self.codes.append(self._status)
 
+    def add_list(self, texts: list[str]) -> None:
+        self.texts += texts
+        self.codes += [self._status] * len(texts)
+
     def add_status(self, code: int) -> None:
         if None in self.codes:
             self.codes = [code if each is None else each for each in self.codes]
         else:
             self._status = code
-
-    @property
-    def decimals(self) -> int:
-        """Digits after the decimal point, at most."""
-        return max((len(match[1]) for text in self.texts if text and (match := _DECIMALS.search(text))), default=0)
 
 
 def split_list(text: str, decimal_comma: bool) -> list[str]:
@@ -275,6 +291,8 @@ def split_list(text: str, decimal_comma: bool) -> list[str]:
     Between two separators a field may be empty; one at the end is ignored. "TIMEOUT" belongs to the number before it,
     and words for no target such as "out of range" stay together.
     """
+    if text.isdecimal():
+        return [text]
     text = text.strip()
     if decimal_comma:
         text = re.sub(r"(?<=\d),(?=\d)", ".", text)
@@ -284,7 +302,7 @@ def split_list(text: str, decimal_comma: bool) -> list[str]:
 
 
 def _split_words(text: str) -> list[str]:
-    if re.fullmatch(r"[-+.,;\d \t]*", text):
+    if _NUMBERS.fullmatch(text):
         return _SPLIT.split(text)
     cells: list[str] = []
     for cell in re.split(r"[,;]", text):
@@ -300,7 +318,15 @@ def _is_word(text: str) -> bool:
     return re.fullmatch(r"(?:out|out of|out of range|too|too far|too close|no|no target)", text, re.I) is not None
 
 
+@cache
+def _good(argument: str) -> frozenset[str]:
+    """The status codes and words that are good, as a pattern names them."""
+    return frozenset(argument.lower().split("|")) if argument else _GOOD_WORDS | {"0"}
+
+
 def _micros(text: str, unit: str) -> int:
+    if text.isdecimal() and unit != "hms":
+        return int(text) * _WHOLE_MICROS[unit] % _MODULI[unit]
     if unit == "hms":
         hours, minutes, seconds = text.replace(",", ".").split(":")
         value = (int(hours) * 60 + int(minutes)) * 60 + float(seconds)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 from pretouch.errors import InvalidInput
 from pretouch_sensor_gateway.wire_formats.range_text import METRES, NUMBER, UNIT_NAMES, RangeText
@@ -47,6 +48,8 @@ class Group:
 
     expression: re.Pattern[str]
     fields: tuple[Field, ...]
+    kind = "group"
+    argument = ""
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,11 @@ class LinePattern:
     expression: re.Pattern[str]
     fields: tuple[Field | Group, ...]
     unit: str
+
+    @cached_property
+    def plain(self) -> bool:
+        """Whether it has only ranges, and perhaps a time."""
+        return all(each.kind in ("range", "ranges", "time") for each in self.fields)
 
     @property
     def time_unit(self) -> str | None:

@@ -43,6 +43,7 @@ _LEADING_NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:e[+-]?\d+)?", 
 _RAW = frozenset({8190.0, 8191.0, 65532.0, 65533.0, 65534.0, 65535.0})
 """What sensors return instead of a range, whatever the unit: VL53L0X and VL53L1X out of range, 16-bit -1 to -4 (TFmini:
 weak, saturated, ambient light), a library's timeout."""
+_NO_ANSWER = 65535.0
 _OF_VL6180X = frozenset({255.0, 510.0, 765.0})
 """Full scale of the VL6180X at its scaling factors of 1, 2 and 3."""
 
@@ -98,16 +99,22 @@ class RangeText:
 
     def read_number(self, number: float) -> Reading | None:
         """The reading of a number in the format's unit."""
-        if not math.isfinite(number) or number <= 0 or number in _RAW:
-            return math.nan, NO_ANSWER if number == 65535 else NO_TARGET
-        metres = number * METRES[self.unit]
-        millimetres = round(metres * 1000, 6)
-        if millimetres in _RAW or (self.full_scale and self.unit == "mm" and number in _OF_VL6180X):
-            return math.nan, NO_TARGET
-        if self.no_target and f"{number:g}" in self.no_target:
-            return math.nan, NO_TARGET
-        # divided, not multiplied: 45.5 mm is 0.0455 m then, to the last bit
-        return (number / round(1 / METRES[self.unit]), OK) if metres <= MAX_RANGE else None
+        if number != number or number <= 0 or number in self._numbers:
+            return math.nan, NO_ANSWER if number == _NO_ANSWER else NO_TARGET
+        metres = number / self._per_metre
+        return (metres, OK) if metres <= MAX_RANGE else (math.nan, NO_TARGET) if number == math.inf else None
+
+    @cached_property
+    def _per_metre(self) -> int:
+        # divided by, not multiplied with its reciprocal: 45.5 mm is 0.0455 m then, to the last bit
+        return round(1 / METRES[self.unit])
+
+    @cached_property
+    def _numbers(self) -> frozenset[float]:
+        """Numbers in the format's unit that are no range."""
+        raw = _RAW | {value * self._per_metre / 1000 for value in _RAW}
+        further = {float(value) for value in self.no_target if _LEADING_NUMBER.fullmatch(value)}
+        return frozenset(raw | further | (_OF_VL6180X if self.full_scale and self.unit == "mm" else frozenset()))
 
 
 def normalised(values: Iterable[object]) -> frozenset[str]:

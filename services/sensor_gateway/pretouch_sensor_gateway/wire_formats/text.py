@@ -58,7 +58,7 @@ class TextParser:
         self._count_is_certain = False
         self._rows = RowAssembly(line_format.rows) if line_format.rows > 1 else None
         self._named = ModuleAssembly(self._modules.count) if line_format.names_modules else None
-        self._alternation = AlternationCheck()
+        self._alternation = AlternationCheck(METRES[self.unit])
         self._time = None if self.tick_modulus is None else TimeCheck(self.tick_modulus)
         self._reason = ""
         self._since_reason = 0
@@ -85,9 +85,11 @@ class TextParser:
     def restart(self) -> None:
         self._lines.restart()
         self._count, self._count_is_certain = None, False
-        for each in (self._rows, self._named, self._alternation, self._time):
-            if each is not None:
-                each.restart()
+        self._alternation = AlternationCheck(METRES[self.unit])
+        self._time = None if self.tick_modulus is None else TimeCheck(self.tick_modulus)
+        for assembly in (self._rows, self._named):
+            if assembly is not None:
+                assembly.restart()
         self._reason, self._since_reason, self._never_good = "", 0, 0
 
     def _handle(self, line: str | Refusal) -> Measurement | Refusal | None:
@@ -128,11 +130,7 @@ class TextParser:
     def _doubt(self, line: str, frame: Frame) -> str:
         """Why a frame cannot be believed; "" if it can."""
         unit = self.unit
-        if (
-            self._format.takes_list
-            and not self._format.decimal_comma
-            and self._commas_are_unclear(line, len(frame.readings))
-        ):
+        if "," in line and self._commas_are_unclear(line, len(frame.readings)):
             return (
                 f'its comma may be a decimal comma, or part two numbers. Set format = "{{range:{unit},}}" for one '
                 f'range with a decimal comma, "{{range:{unit}}},{{range:{unit}}}" for two modules, or '
@@ -151,7 +149,7 @@ class TextParser:
         if step is not None:
             return self._time_doubt(step)
         if len(frame.readings) == 1 and self._named is None:
-            self._alternation.add(frame.readings[0][0], METRES[unit] / 10**frame.last.decimals)
+            self._alternation.add(frame.readings[0][0], frame.last.text)
         if self._alternation.detected:
             return (
                 "the ranges of every second line belong together, so two sensors print in turns and nothing says which "
@@ -171,6 +169,8 @@ class TextParser:
 
     def _commas_are_unclear(self, line: str, ranges: int) -> bool:
         """Whether a comma may be a decimal comma, or a separator."""
+        if not self._format.takes_list or self._format.decimal_comma:
+            return False
         commas = line.count(",")
         if not commas or "." in line or len(_DIGIT_COMMA_DIGIT.findall(line)) < commas:
             return False
