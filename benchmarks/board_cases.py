@@ -229,7 +229,7 @@ CASES = (
         "millimetres",
         15,
         auto=False,
-        message=r"two sensors|Two sensors",
+        message=r"in turns",
         readable=False,
     ),
     _case(

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, likely_benewake
 from pretouch_sensor_gateway.wire_formats.fixed_frames import FixedFrameParser
 from pretouch_sensor_gateway.wire_formats.inference import infer
-from pretouch_sensor_gateway.wire_formats.line_checks import AlternationCheck
+from pretouch_sensor_gateway.wire_formats.line_checks import TurnsCheck
 from pretouch_sensor_gateway.wire_formats.line_splitter import LineSplitter
 from pretouch_sensor_gateway.wire_formats.parser import Parser, Refusal
 from pretouch_sensor_gateway.wire_formats.presets import TELLING
@@ -129,8 +129,8 @@ def _explain_lines(lines: Sequence[str], wire_format: str) -> str:
 
 def _alternation(lines: Sequence[str]) -> str:
     """A warning if bare numbers are of two sensors in turns."""
-    check = AlternationCheck(0.001)
+    check = TurnsCheck(0.001)
     for line in lines:
         if re.fullmatch(r"\s*\d+(?:\.\d+)?\s*", line):
             check.add(float(line) / 1000, line)
-    return "Two sensors seem to print on alternate lines, which nothing tells apart. " if check.detected else ""
+    return "Several sensors seem to print in turns, which nothing tells apart. " if check.detected else ""

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from pretouch.errors import InvalidInput
+from pretouch_sensor_gateway.wire_formats.labels import (
+    says_module,
+    says_other_length,
+    says_range,
+    says_status,
+    says_time,
+)
 from pretouch_sensor_gateway.wire_formats.line_format import LineFormat, LineReading
 from pretouch_sensor_gateway.wire_formats.numbers_on_lines import Template, Value, find_values
 from pretouch_sensor_gateway.wire_formats.quoting import quote
@@ -22,49 +29,7 @@ _UNEVENNESS = 4.0
 """Largest step of a time relative to its least: a line may be late, and one or two may be lost."""
 _TIME_STEPS = {"s": (0.0025, 1.0), "ms": (2.5, 1000.0), "us": (2500.0, 1e6)}
 """Steps from line to line at 1 to 400 Hz, in each unit of time: no two overlap."""
-_RANGE_WORDS = frozenset(
-    [
-        "range",
-        "ranges",
-        "dist",
-        "distance",
-        "distances",
-        "tof",
-        "lidar",
-        "laser",
-        "d",
-        "r",
-        "sensor",
-        "zone",
-        "vl",
-        "proximity",
-    ]
-)
-_TIME_WORDS = frozenset(
-    [
-        "t",
-        "time",
-        "ts",
-        "timestamp",
-        "ms",
-        "us",
-        "s",
-        "sec",
-        "seconds",
-        "millis",
-        "micros",
-        "elapsed",
-        "uptime",
-        "tick",
-        "ticks",
-        "now",
-    ]
-)
-_STATUS_WORDS = frozenset(["status", "valid", "err", "error", "state", "stat", "ok", "rangestatus"])
-_NOT_THE_RANGE = re.compile(
-    r"sig|std|stddev|dev|noise|offset|min|max|mean|av|filt|smooth|raw|thr|lim|err|corr|prev|last|diff|delta|speed|vel|"
-    r"temp|x|y|z|roll|pitch|yaw|height|width|size|ref|base|zero|calib|median|target|goal|set|expected"
-)
+_UNIT_OF_ITS_OWN = re.compile(r"\s*(?:[A-Za-z]{1,6}|%)(?![A-Za-z])")
 _FOREIGN_UNIT = re.compile(r"\s*(?:in|inch(?:es)?|ft|feet|\"|us|µs)(?!\w)", re.IGNORECASE)
 _SMALL_CODES = frozenset(range(16)) | {255}
 
@@ -139,21 +104,21 @@ def _infer_kind(kind: _Kind, header: Sequence[str] = ()) -> Inference:
             f'a pattern, as "{_pattern(kind, {len(kind.rows[-1]) - 1: "{range:mm}"}, header)}"'
         )  # fmt: skip
     units = {kind.rows[-1][column].unit for column in columns if kind.rows[-1][column].unit}
-    doubtful = [column for column in columns if _is_doubtful(kind.rows[-1][column])]
+    others = [column for column in columns if says_other_length(kind.rows[-1][column].words)]
     if len(units) > 1:
         columns = _finest_of_the_same(kind, columns)
         units = {kind.rows[-1][column].unit for column in columns}
-    if doubtful and len(doubtful) < len(columns):
-        columns = [column for column in columns if column not in doubtful]
+    if len(others) < len(columns):
+        columns = [column for column in columns if column not in others]
     unit = next(iter(units)) if len(units) == 1 else ""
     commas = [column for column in columns if any(value.kind == "comma" for value in kind.column(column))]
     fields = {column: f"{{range:{unit or 'mm'}{',' if column in commas else ''}}}" for column in columns}
     pending, unclear_status = _add_other_fields(kind, fields)
     pattern = _pattern(kind, fields, header)
     example = quote(kind.lines[-1])
-    labelled = [kind.rows[-1][column] for column in columns if not kind.rows[-1][column].continues]
-    if len(labelled) > 1 and not doubtful and not all(map(_says_range, labelled)):
-        doubtful = columns
+    labelled = [kind.rows[-1][column] for column in columns]
+    named = all(_says_range(value) or (not value.words and len(columns) == 1) for value in labelled)
+    doubtful = bool(others) or not named or _nameless(kind, columns, fields)
     if _FOREIGN_UNIT.match(kind.rows[-1][columns[0]].after):
         question = f"Lines such as {example} are not in mm, cm or m: print one of these"
     elif commas:
@@ -253,15 +218,27 @@ def _range_columns(kind: _Kind) -> list[int]:
 
 
 def _says_range(value: Value) -> bool:
-    return value.continues or any(word in _RANGE_WORDS or word.startswith(("dist", "rang")) for word in value.words)
+    """Whether its label says that it is a range, or it is the next in a list."""
+    return value.continues or says_range(value.words)
 
 
-def _is_doubtful(value: Value) -> bool:
-    """Whether its label says that it is some other length, or none that a finger measures."""
-    return any(
-        _NOT_THE_RANGE.fullmatch(word)
-        or (len(word) > 3 and word not in _RANGE_WORDS and _NOT_THE_RANGE.match(word) is not None)
-        for word in value.words
+def _nameless(kind: _Kind, columns: Sequence[int], fields: Mapping[int, str]) -> bool:
+    """Whether a number stands on the line of which nothing says what it is: a status, another module, a tolerance?"""
+    row = kind.rows[-1]
+    unnamed_range = any(
+        not row[k].words and not row[k].continues and row[k - 1].kind == "number" and k - 1 not in fields
+        for k in columns
+        if k > 0
+    )
+    turns = any(k not in fields and _takes_turns(kind.column(k)) for k in range(len(row)))
+    return (
+        unnamed_range
+        or turns
+        or any(
+            not (value.words or value.unit or value.kind in ("clock", "index") or _UNIT_OF_ITS_OWN.match(value.after))
+            for k, value in enumerate(row)
+            if k not in fields
+        )
     )
 
 
@@ -282,15 +259,15 @@ def _add_other_fields(kind: _Kind, fields: dict[int, str]) -> tuple[bool, bool]:
         if k in fields:
             continue
         words = set(value.words)
-        if value.kind == "index" or _is_module(kind.column(k)):
+        if value.kind == "index" or _is_module(kind.column(k), words):
             fields[k] = "{module}"
-        elif words & _STATUS_WORDS:
+        elif says_status(words):
             codes = Counter(each.text.lower() for each in kind.column(k))
             good = next((code for code in ("0", "true", "1", "0.0") if code in codes), "")
             truth = words & {"valid", "ok"}
             fields[k] = "{status:1}" if truth and good != "true" else "{status}"
             unclear |= not good or (good == "1") != bool(truth and good != "true")
-        elif value.kind == "number" and (words & _TIME_WORDS or not words) and "{time" not in "".join(fields.values()):
+        elif value.kind == "number" and (says_time(words) or not words) and "{time" not in "".join(fields.values()):
             unit = _time_unit(kind.column(k))
             pending |= not unit and len(kind.lines) < ENOUGH_FOR_TIME
             if unit:
@@ -301,11 +278,23 @@ def _add_other_fields(kind: _Kind, fields: dict[int, str]) -> tuple[bool, bool]:
     return pending, unclear
 
 
-def _is_module(column: list[Value]) -> bool:
+def _is_module(column: list[Value], words: set[str]) -> bool:
+    """Whether a column of small whole numbers says which module a line is of: by its place, its name or its turns."""
+    if not all(re.fullmatch(r"\d{1,2}", each.text) for each in column):
+        return False
     value = column[-1]
     before = re.search(r"[A-Za-z#\[(][ _#\[(]?$", value.label)
-    after = re.match(r"[\])]?\s*[:=]", value.after)
-    return bool(before and after and all(re.fullmatch(r"\d{1,2}", each.text) for each in column))
+    if (before and re.match(r"[\])]?\s*[:=]", value.after)) or says_module(words):
+        return True
+    return not words and _takes_turns(column)
+
+
+def _takes_turns(column: list[Value]) -> bool:
+    """Whether small whole numbers repeat in the same order."""
+    texts = [each.text for each in column]
+    turn = len(set(texts))
+    small = all(re.fullmatch(r"\d{1,2}", text) for text in texts)
+    return small and 1 < turn <= len(texts) // 2 and all(a == b for a, b in zip(texts, texts[turn:], strict=False))
 
 
 def _is_status(kind: _Kind, column: int, time: int | None) -> bool:

@@ -7,8 +7,10 @@ from collections import deque
 from itertools import pairwise
 from statistics import median
 
-_WINDOW = 12
-"""Ranges that are compared."""
+_WINDOW = 16
+"""Ranges that are compared, at most."""
+_LEAST_RANGES = 12
+"""And at least."""
 _LEAST_DIFFERENCE = 0.004
 """Metres between two sensors, at least, for their lines to be told apart from noise."""
 _DECIMALS = re.compile(r"[.,](\d+)")
@@ -18,12 +20,12 @@ _FASTEST, _SLOWEST = 400.0, 5e6
 """Microseconds from line to line that a device's time can take: 2.5 kHz to 0.2 Hz."""
 
 
-class AlternationCheck:
-    """Detects two sensors that print on alternate lines, neither of which is named.
+class TurnsCheck:
+    """Detects two to four sensors that print in turns, each on a line of its own, and do not say which they are.
 
-    Every range then lies on the other side of the one before, far from it and near the one before that. The noise of
-    one sensor does not: its ranges differ as much from the second last as from the last. Once detected, it stays: when
-    both sensors see the same distance nothing tells them apart.
+    Every range then lies far from the one before and near the one a turn before, and steps up and down repeat from
+    turn to turn. The noise of one sensor does not: its ranges differ as much from the one a turn before as from the
+    last. Once detected, it stays: when the sensors see the same distance nothing tells them apart.
 
     Args:
         unit: of the numbers on the lines, m.
@@ -32,34 +34,36 @@ class AlternationCheck:
     def __init__(self, unit: float) -> None:
         self.detected = False
         self._unit = unit
-        self._ranges: deque[float] = deque((0.0,), maxlen=_WINDOW)
-        self._rose = False
-        self._turns = 0  # steps in a row, each the other way than the one before
+        self._ranges: deque[float] = deque(maxlen=_WINDOW)
 
     def add(self, metres: float, text: str) -> None:
         """Adds the range of the next line, which says `text`; NaN for none."""
         if metres != metres or self.detected:
             return
-        step = metres - self._ranges[-1]
-        self._ranges.append(metres)
-        rises = step > 0
-        self._turns = self._turns + 1 if step and rises != self._rose else 0
-        self._rose = rises
-        if self._turns >= _WINDOW - 1:
+        ranges = self._ranges
+        far = len(ranges) > 0 and abs(metres - ranges[-1]) >= _LEAST_DIFFERENCE
+        ranges.append(metres)
+        if far and len(ranges) >= _LEAST_RANGES:
             decimals = _DECIMALS.search(text)
-            self.detected = self._is_of_two(self._unit / 10 ** (len(decimals[1]) if decimals else 0))
+            least = max(_LEAST_DIFFERENCE, 2.5 * self._unit / 10 ** (len(decimals[1]) if decimals else 0))
+            self.detected = any(self._are_turns_of(sensors, least) for sensors in (2, 3, 4))
 
-    def _is_of_two(self, quantum: float) -> bool:
-        """Whether the last ranges, each on the other side of the one before, are of two sensors.
-
-        Args:
-            quantum: step of a line's last digit, m.
-        """
+    def _are_turns_of(self, sensors: int, least: float) -> bool:
+        """Whether the last ranges are of so many sensors, at least `least` m apart."""
         ranges = list(self._ranges)
-        steps = [abs(after - before) for before, after in pairwise(ranges)]
-        same_sensor = [abs(after - before) for before, after in zip(ranges, ranges[2:], strict=False)]
-        least = max(_LEAST_DIFFERENCE, 2.5 * quantum, 3 * median(same_sensor))
-        return median(steps) >= least and min(steps) > max(same_sensor) / 2
+        if len(ranges) < max(_LEAST_RANGES, 4 * sensors):
+            return False
+        steps = [after - before for before, after in pairwise(ranges)]
+        if any(before * after < 0 for before, after in zip(steps, steps[sensors:], strict=False)):
+            return False
+        moved = [abs(after - before) for before, after in zip(ranges, ranges[sensors:], strict=False)]
+        apart = [abs(step) for step in steps]
+        back = any(step < 0 for step in steps) and any(step > 0 for step in steps)
+        return (
+            back
+            and median(apart) >= max(least, 3 * median(moved))
+            and min(sorted(apart)[len(apart) // 2 :]) > max(moved) / 2
+        )
 
 
 class TimeCheck:

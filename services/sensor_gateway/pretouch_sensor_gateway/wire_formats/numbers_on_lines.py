@@ -15,7 +15,7 @@ _VALUE = re.compile(
 )
 _UNITS = {"mm": "mm", "cm": "cm", "m": "m", "millimet": "mm", "centimet": "cm", "met": "m"}
 _UNIT = r"(mm|cm|m|millimet(?=(?:er|re)s?\b)|centimet(?=(?:er|re)s?\b)|met(?=(?:er|re)s?\b))(?:ers?|res?)?"
-_UNIT_AFTER = re.compile(rf"\s*{_UNIT}(?![\w/²^])", re.IGNORECASE)
+_UNIT_AFTER = re.compile(rf"^\s*{_UNIT}(?![\w/²^])", re.IGNORECASE)
 _UNIT_BEFORE = re.compile(rf"(?:^|[\W_]){_UNIT}[\])\"']*\s*[:=]?\s*[\"']?\[?\s*$", re.IGNORECASE)
 _SEPARATOR = re.compile(r"\s*[,;]?\s*")
 
@@ -41,8 +41,12 @@ class Value:
     @property
     def words(self) -> tuple[str, ...]:
         """The words of its label in small letters, without the unit of the number before it."""
-        own = _UNIT_AFTER.sub("", self.label, count=1) if _UNIT_AFTER.match(self.label) else self.label
-        return tuple(word.lower() for word in re.findall(r"[A-Za-z]+", re.split(r"[,;\t|]", own)[-1]))
+        return tuple(
+            word.lower()
+            for word in re.findall(
+                r"[A-Za-z][A-Za-z\d]*?(?=\d*(?![A-Za-z\d]))", re.split(r"[,;\t|]", self._own_label)[-1]
+            )
+        )
 
     @property
     def number(self) -> float | None:
@@ -52,7 +56,13 @@ class Value:
     @property
     def continues(self) -> bool:
         """Whether only a separator stands between it and the number before."""
-        return _SEPARATOR.fullmatch(self.label) is not None
+        return _SEPARATOR.fullmatch(self._own_label) is not None
+
+    @property
+    def _own_label(self) -> str:
+        """Its label without the unit of the number before it."""
+        match = _UNIT_AFTER.match(self.label)
+        return self.label[match.end() :] if match else self.label
 
 
 @dataclass(frozen=True)
@@ -73,12 +83,14 @@ def find_values(line: str) -> tuple[Template, list[Value]]:
     for k, match in enumerate(matches):
         named = values[-1] if values and values[-1].kind == "index" else None
         label = literals[k] if named is None else f"{named.label}{named.text}{literals[k]}"
-        unit = _unit(literals[k], literals[k + 1])
+        unit = _unit(literals[k], literals[k + 1], k == 0)
         values.append(Value(str(match.lastgroup), match[0], label, literals[k + 1], unit))
     kinds = tuple("number" if value.kind in ("word", "comma") else value.kind for value in values)
     return Template(tuple(re.sub(r"\s+", " ", each) for each in literals), kinds), values
 
 
-def _unit(before: str, after: str) -> str:
-    match = _UNIT_AFTER.match(after) or _UNIT_BEFORE.search(before)
+def _unit(before: str, after: str, is_first: bool) -> str:
+    """The unit of a number, beside it; one that directly follows the number before is that one's."""
+    own = before if is_first else _UNIT_AFTER.sub("", before, count=1)
+    match = _UNIT_AFTER.match(after) or _UNIT_BEFORE.search(own)
     return _UNITS[match[1].lower()] if match else ""

@@ -89,6 +89,7 @@ TELLING = (
         ),
         status_of=_VL6180X_ERRORS | {"ttt": NO_ANSWER, "###": NO_TARGET},
         exact=True,
+        marked=r"\s*(?:\d+\([0-9A-Fa-f]+\) : .*|\d+ : .*#.*|Addr: .* Lux: .*)",  # else it is nothing but numbers
     ),
     LineFormat(
         "adafruit-vl53l0x",
@@ -136,7 +137,7 @@ TELLING = (
         ("{any}'{module}': Sending state {range:m} m with {any}", "{any}'{module}' >> {range:m} m"),
         skipped=(r"\[.*\]\[.*\].*",),
     ),
-    LineFormat("esp-idf", ("{any} ({time:ms}) {any}: {range:mm} mm",), skipped=(r"[VDIWE] \(\d+\) .*",)),
+    LineFormat("esp-idf", ("{any} ({time:ms}) {module}: {range:mm} mm",), skipped=(r"[VDIWE] \(\d+\) .*",)),
 )
 """Formats whose lines tell their unit, or that only one known sketch prints: `auto` chooses them."""
 

@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from pretouch_sensor_gateway.wire_formats.frame_assembly import Frame, ModuleAssembly, RowAssembly
-from pretouch_sensor_gateway.wire_formats.line_checks import AlternationCheck, TimeCheck
+from pretouch_sensor_gateway.wire_formats.line_checks import TimeCheck, TurnsCheck
 from pretouch_sensor_gateway.wire_formats.line_format import LineFormat, LineReading, Misread
 from pretouch_sensor_gateway.wire_formats.line_splitter import LineSplitter
 from pretouch_sensor_gateway.wire_formats.messages import MAX_MODULES
@@ -58,7 +58,7 @@ class TextParser:
         self._count_is_certain = False
         self._rows = RowAssembly(line_format.rows) if line_format.rows > 1 else None
         self._named = ModuleAssembly(self._modules.count) if line_format.names_modules else None
-        self._alternation = AlternationCheck(METRES[self.unit])
+        self._turns = TurnsCheck(METRES[self.unit])
         self._time = None if self.tick_modulus is None else TimeCheck(self.tick_modulus)
         self._reason = ""
         self._since_reason = 0
@@ -85,7 +85,7 @@ class TextParser:
     def restart(self) -> None:
         self._lines.restart()
         self._count, self._count_is_certain = None, False
-        self._alternation = AlternationCheck(METRES[self.unit])
+        self._turns = TurnsCheck(METRES[self.unit])
         self._time = None if self.tick_modulus is None else TimeCheck(self.tick_modulus)
         for assembly in (self._rows, self._named):
             if assembly is not None:
@@ -149,11 +149,11 @@ class TextParser:
         if step is not None:
             return self._time_doubt(step)
         if len(frame.readings) == 1 and self._named is None:
-            self._alternation.add(frame.readings[0][0], frame.last.text)
-        if self._alternation.detected:
+            self._turns.add(frame.readings[0][0], frame.last.text)
+        if self._turns.detected:
             return (
-                "the ranges of every second line belong together, so two sensors print in turns and nothing says which "
-                "is which. Print both on one line, or a name before each range and set format = "
+                "the ranges of every second, third or fourth line belong together, so several sensors print in turns "
+                "and nothing says which is which. Print all on one line, or a name before each range and set format = "
                 f'"{{module}}: {{range:{unit}}}"'
             )
         return ""
