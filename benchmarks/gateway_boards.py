@@ -10,14 +10,14 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import math
 import os
 import pty
 import statistics
 import tty
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-import numpy as np
 import structlog
 from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.serial_source import SerialSource
@@ -32,8 +32,10 @@ _AT_ONCE = 12
 """Boards that are played at the same time."""
 _SETTLED = 1.5
 """Seconds after which the rate is counted: at 10 Hz `auto` needs eight lines to infer a pattern."""
-_TOLERANCE = {"": 4.0, "mm": 4.0, "cm": 9.0, "m": 9.0}
-"""Millimetres of error that are right: 2 measurements' worth of motion, and a sensor's own steps of 1 cm."""
+_TOLERANCE = {"": 1.05, "mm": 1.05, "cm": 10.05, "m": 10.05}
+"""Millimetres by which a right range differs: boards round or truncate to whole millimetres, or to centimetres."""
+_AT_FIRST, _SKIPPED = 60, 16
+"""True ranges that may be skipped before the first range, and later."""
 NAMED: dict[str, tuple[str, int | None]] = {
     "pololu_vl53l0x": ("pololu-vl53l0x", None),
     "pololu_vl53l1x_details": ("pololu-vl53l1x-details", None),
@@ -67,8 +69,8 @@ class Result:
         format, unit, problem: as the status says at the end.
         rate: measurements a second, once the format is known; expected: of the board.
         modules: of each measurement.
-        median_error: mm, of the first module, against the true range nearest in time; NaN: no range.
-        wrong: ranges that are off by more than the motion between two measurements.
+        median_error: mm, of the first module's ranges that fit the truth; NaN: there are none.
+        wrong: ranges that fit no true one in order, within the step of what the board prints.
         false_ranges: ranges where there was no target; missed: targets without a range.
         outcome: "read", "refused" with a reason, or "wrong".
     """
@@ -128,26 +130,14 @@ async def play(case: BoardCase, asked: str) -> Result:
 def _result(
     case: BoardCase, asked: str, taken: list[tuple[float, RangeBatch]], name: str, unit: str, problem: str
 ) -> Result:
-    times = np.array([at for at, batch in taken for _ in range(len(batch))])
-    ranges = np.array([row[0] for _, batch in taken for row in batch.raw]) * 1000
-    truth_t = np.array([t for t, _ in case.truth])
-    truth = np.array([np.nan if value is None else value for _, value in case.truth])
-    nearest = np.abs(times[:, None] - truth_t[None]).argmin(axis=1) if len(times) else np.zeros(0, dtype=int)
-    true = truth[nearest]
-    near = np.stack([truth[np.clip(nearest + shift, 0, len(truth) - 1)] for shift in (-1, 0, 1)])
-    off = np.abs(ranges - near)
-    error = np.abs(ranges - true)
-    known = np.isfinite(error)
-    has_true = np.isfinite(near).any(axis=0)
-    smallest = np.min(np.where(np.isfinite(off), off, np.inf), axis=0) if len(times) else np.zeros(0)
-    wrong = int(np.sum(np.isfinite(ranges) & has_true & (smallest > _TOLERANCE[unit])))
-    false_ranges = int(np.sum(np.isfinite(ranges) & ~has_true))
-    missed = int(np.sum(np.isnan(ranges) & np.isfinite(near).all(axis=0)))
-    got = int(np.isfinite(ranges).sum())
-    later, later_true = int(np.sum(times > _SETTLED)), int(np.sum(truth_t > _SETTLED))
+    ranges = [float(row[0]) * 1000 for _, batch in taken for row in batch.raw]
+    truth = [math.nan if value is None else value for _, value in case.truth]
+    comparison = compare(ranges, truth, _TOLERANCE[unit])
+    later = sum(len(batch) for at, batch in taken if at > _SETTLED)
+    later_true = sum(t > _SETTLED for t, _ in case.truth)
     span = case.truth[-1][0] - _SETTLED
-    outcome = "read" if later > 0.85 * later_true and got else "refused" if problem else "silent"
-    if (wrong or false_ranges) and not problem:
+    outcome = "read" if later > 0.85 * later_true else "refused" if problem else "silent"
+    if (comparison.wrong or comparison.false_ranges) and not problem:
         outcome = "wrong"
     return Result(
         case.name,
@@ -157,13 +147,54 @@ def _result(
         later / span,
         later_true / span,
         max((batch.modules for _, batch in taken), default=0),
-        float(statistics.median(error[known].tolist())) if known.any() else float("nan"),
-        wrong,
-        false_ranges,
-        missed,
+        statistics.median(comparison.errors) if comparison.errors else math.nan,
+        comparison.wrong,
+        comparison.false_ranges,
+        comparison.missed,
         problem,
         outcome,
     )
+
+
+@dataclass
+class Comparison:
+    """Ranges of a module beside the truth, both in order: errors of those that fit, mm, and counts of the rest."""
+
+    errors: list[float] = field(default_factory=list)
+    wrong: int = 0
+    false_ranges: int = 0
+    missed: int = 0
+
+
+def compare(ranges: list[float], truth: list[float], tolerance: float) -> Comparison:
+    """Compares ranges, mm, with true ones, NaN for none: each with the next true one that it fits, skipping a few.
+
+    A board may print nothing without a target, and the lines by which a format was recognised are not passed on.
+    """
+    result = Comparison()
+    at = len(truth) - len(ranges)  # so many were not passed on at the start, unless others are missing later
+    if not (0 <= at <= _AT_FIRST and ranges and abs(ranges[0] - truth[at]) <= tolerance):
+        at = 0
+    for k, value in enumerate(ranges):
+        skipped = _AT_FIRST if k == 0 and at == 0 else 1 if math.isnan(value) else _SKIPPED
+        ahead = truth[at : at + skipped + 1]
+        fits = (
+            j
+            for j, true in enumerate(ahead)
+            if (math.isnan(value) and math.isnan(true)) or abs(value - true) <= tolerance
+        )
+        match = next(fits, None)
+        if match is not None:
+            at += match + 1
+            if not math.isnan(value):
+                result.errors.append(abs(value - truth[at - 1]))
+            continue
+        true = truth[min(at, len(truth) - 1)]
+        result.missed += math.isnan(value)
+        result.false_ranges += math.isnan(true) and not math.isnan(value)
+        result.wrong += not math.isnan(true) and not math.isnan(value)
+        at += 1
+    return result
 
 
 async def run(cases: list[BoardCase]) -> list[Result]:
@@ -183,7 +214,7 @@ def markdown(results: list[Result]) -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for each in results:
-        error = "" if np.isnan(each.median_error) else f"{each.median_error:.1f}"
+        error = "" if math.isnan(each.median_error) else f"{each.median_error:.1f}"
         cells = (
             each.name,
             _code(each.asked),
