@@ -440,6 +440,9 @@ class ModuleCalibration(_message.Message):
     CROSSTALK_FIELD_NUMBER: _builtins.int
     STD_FIELD_NUMBER: _builtins.int
     STD_SLOPE_FIELD_NUMBER: _builtins.int
+    RESIDUAL_FIELD_NUMBER: _builtins.int
+    CORRECTIONS_FIELD_NUMBER: _builtins.int
+    SPAN_FIELD_NUMBER: _builtins.int
     offset: _builtins.float
     """Reading at distance zero, in metres."""
     scale: _builtins.float
@@ -447,9 +450,19 @@ class ModuleCalibration(_message.Message):
     crosstalk: _builtins.float
     """Light returned by the cover glass, relative to that of a target at one metre, in 1/m^2."""
     std: _builtins.float
-    """Standard deviation of the range at distance zero, in metres."""
+    """Standard deviation of the range's noise at distance zero, in metres; 0: unknown."""
     std_slope: _builtins.float
     """Increase of the standard deviation per distance, in metres per metre."""
+    residual: _builtins.float
+    """Error that the curve leaves between the distances that it was fitted to, rms, in metres."""
+    @_builtins.property
+    def corrections(self) -> _containers.RepeatedCompositeFieldContainer[Global___RangeCorrection]:
+        """What is added to the distances by offset, scale and crosstalk, in the order of distance; linear in between."""
+
+    @_builtins.property
+    def span(self) -> Global___RangeSpan:
+        """The distances that were calibrated; left out: not known."""
+
     def __init__(
         self,
         *,
@@ -458,14 +471,71 @@ class ModuleCalibration(_message.Message):
         crosstalk: _builtins.float = ...,
         std: _builtins.float = ...,
         std_slope: _builtins.float = ...,
+        residual: _builtins.float = ...,
+        corrections: _abc.Iterable[Global___RangeCorrection] | None = ...,
+        span: Global___RangeSpan | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_span", b"_span", "span", b"span"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_span", b"_span", "corrections", b"corrections", "crosstalk", b"crosstalk", "offset", b"offset", "residual", b"residual", "scale", b"scale", "span", b"span", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__span: _TypeAlias = _typing.Literal["span"]  # noqa: Y015
+    _WhichOneofArgType__span: _TypeAlias = _typing.Literal["_span", b"_span"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__span) -> _WhichOneofReturnType__span | None: ...
+
+Global___ModuleCalibration: _TypeAlias = ModuleCalibration  # noqa: Y015
+
+@_typing.final
+class RangeCorrection(_message.Message):
+    """A correction of ranges near one distance."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    DISTANCE_FIELD_NUMBER: _builtins.int
+    CORRECTION_FIELD_NUMBER: _builtins.int
+    distance: _builtins.float
+    """Distance by offset, scale and crosstalk, in metres."""
+    correction: _builtins.float
+    """What is added to it, in metres."""
+    def __init__(
+        self,
+        *,
+        distance: _builtins.float = ...,
+        correction: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["crosstalk", b"crosstalk", "offset", b"offset", "scale", b"scale", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["correction", b"correction", "distance", b"distance"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___ModuleCalibration: _TypeAlias = ModuleCalibration  # noqa: Y015
+Global___RangeCorrection: _TypeAlias = RangeCorrection  # noqa: Y015
+
+@_typing.final
+class RangeSpan(_message.Message):
+    """An interval of ranges."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    START_FIELD_NUMBER: _builtins.int
+    END_FIELD_NUMBER: _builtins.int
+    start: _builtins.float
+    """Least range, in metres."""
+    end: _builtins.float
+    """Greatest range, in metres."""
+    def __init__(
+        self,
+        *,
+        start: _builtins.float = ...,
+        end: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["end", b"end", "start", b"start"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RangeSpan: _TypeAlias = RangeSpan  # noqa: Y015
 
 @_typing.final
 class Calibration(_message.Message):
@@ -476,10 +546,13 @@ class Calibration(_message.Message):
     SERIAL_FIELD_NUMBER: _builtins.int
     WARM_UP_FIELD_NUMBER: _builtins.int
     MODULES_FIELD_NUMBER: _builtins.int
+    BIAS_STD_FIELD_NUMBER: _builtins.int
     serial: _builtins.str
     """Serial number of the board that was calibrated, hexadecimal; empty: not known."""
     warm_up: _builtins.float
     """Time after a board's start in which its ranges are flagged as warming up, in seconds."""
+    bias_std: _builtins.float
+    """Standard deviation of the error that all ranges of a scan share, in metres; left out: not measured."""
     @_builtins.property
     def modules(self) -> _containers.RepeatedCompositeFieldContainer[Global___ModuleCalibration]:
         """Calibration of each module."""
@@ -490,12 +563,15 @@ class Calibration(_message.Message):
         serial: _builtins.str = ...,
         warm_up: _builtins.float = ...,
         modules: _abc.Iterable[Global___ModuleCalibration] | None = ...,
+        bias_std: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_bias_std", b"_bias_std", "bias_std", b"bias_std"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["modules", b"modules", "serial", b"serial", "warm_up", b"warm_up"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_bias_std", b"_bias_std", "bias_std", b"bias_std", "modules", b"modules", "serial", b"serial", "warm_up", b"warm_up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__bias_std: _TypeAlias = _typing.Literal["bias_std"]  # noqa: Y015
+    _WhichOneofArgType__bias_std: _TypeAlias = _typing.Literal["_bias_std", b"_bias_std"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__bias_std) -> _WhichOneofReturnType__bias_std | None: ...
 
 Global___Calibration: _TypeAlias = Calibration  # noqa: Y015
 
@@ -639,6 +715,7 @@ class RangeBatch(_message.Message):
     STATUS_FIELD_NUMBER: _builtins.int
     FLAGS_FIELD_NUMBER: _builtins.int
     LOST_FIELD_NUMBER: _builtins.int
+    STD_FIELD_NUMBER: _builtins.int
     time_std: _builtins.float
     """Standard deviation of these times, in seconds; the error is common to all measurements of the batch."""
     epoch: _builtins.int
@@ -669,7 +746,15 @@ class RangeBatch(_message.Message):
 
     @_builtins.property
     def flags(self) -> _common_pb2.Array:
-        """f x k, UINT8: sum of 1 (the range jumped, and no later range confirms it) and 2 (the module is warming up)."""
+        """f x k, UINT8: sum of 1 (the range jumped, and no later range confirms it), 2 (the module is warming up), 4 (the range
+        lies beyond the calibrated distances) and 8 (the noise is not known yet).
+        """
+
+    @_builtins.property
+    def std(self) -> _common_pb2.Array:
+        """f x k, FLOAT32: standard deviation of each range, in metres, calibrated, or of the module's own noise in what it has
+        sent; NaN: not known, or none was returned.
+        """
 
     def __init__(
         self,
@@ -683,10 +768,11 @@ class RangeBatch(_message.Message):
         status: _common_pb2.Array | None = ...,
         flags: _common_pb2.Array | None = ...,
         lost: _builtins.int = ...,
+        std: _common_pb2.Array | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "std", b"std", "t", b"t"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "std", b"std", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -821,7 +907,9 @@ class StreamPointsResponse(_message.Message):
 
     @_builtins.property
     def std(self) -> _common_pb2.Array:
-        """n, FLOAT64: standard deviation of each point, in metres, from range noise, time uncertainty and speed; NaN: a miss."""
+        """n, FLOAT64: standard deviation of each point, in metres, from range noise, time uncertainty and speed; NaN: a
+        miss, or the noise is not known yet.
+        """
 
     @_builtins.property
     def flags(self) -> _common_pb2.Array:

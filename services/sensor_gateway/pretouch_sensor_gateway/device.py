@@ -7,13 +7,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-import numpy as np
-
 from pretouch.errors import InvalidInput
-from pretouch.geometry import Array, Pose
+from pretouch.geometry import Pose
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import pose_to_proto
-from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, Calibration
+from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.calibration.proto_conversion import calibration_to_proto
 from pretouch_sensor_gateway.device_statistics import DeviceStatistics, ModuleStatistics
 from pretouch_sensor_gateway.history import History
@@ -139,12 +137,6 @@ class Device:
             calibration=None if self.calibration is None else calibration_to_proto(self.calibration),
             recording=self.recorder is not None and self.recorder.on,
         )
-
-    def std_at(self, ranges: Array) -> Array:
-        """One standard deviation (f, k), m, of ranges (f, k), m."""
-        if self.calibration is None or len(self.calibration.modules) != ranges.shape[1]:
-            return np.asarray(UNCALIBRATED.std_at(ranges))
-        return self.calibration.std_at(ranges)
 
     def now(self) -> float:
         """The present, Unix time, s, by the clock of the device's batches."""

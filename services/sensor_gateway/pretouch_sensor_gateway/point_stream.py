@@ -41,7 +41,7 @@ class PointStream:
         self._device = device
         self._subscription = subscription
         self._path = PosePath()
-        self._fusion = Fusion(self._path, modules or device.tip_T_module, device.std_at)
+        self._fusion = Fusion(self._path, modules or device.tip_T_module)
         self._first = first
         self._requests = requests
 

@@ -21,6 +21,10 @@ class Flag(IntFlag):
     """It lies far from the module's last range, and no later one has confirmed it."""
     WARMING_UP = 2
     """The device started so recently that its calibration does not hold yet."""
+    BEYOND_CALIBRATION = 4
+    """It lies beyond the distances that the module was calibrated at."""
+    STD_UNKNOWN = 8
+    """The module's noise is not known: it is not calibrated, and has not sent enough yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +41,8 @@ class RangeBatch:
         status: (f, k) uint8, the modules' status codes; 0 is good.
         flags: (f, k) uint8, of `Flag`.
         lost: measurements missing before the last of these.
+        std: (f, k) float32, m, one standard deviation of each range, by the calibration or the module's own noise; NaN
+            where it is not known, and where there is no range.
     """
 
     t: Array
@@ -48,6 +54,7 @@ class RangeBatch:
     status: NDArray[np.uint8]
     flags: NDArray[np.uint8]
     lost: int
+    std: NDArray[np.float32]
 
     @staticmethod
     def from_message(message: pb.RangeBatch) -> RangeBatch:
@@ -56,16 +63,18 @@ class RangeBatch:
         Raises:
             PretouchError: an array is not of its stated shape and type.
         """
+        ranges = array_from_proto(message.range, "range")
         batch = RangeBatch(
             t=array_from_proto(message.t, "t"),
             time_std=message.time_std,
             sequence=array_from_proto(message.sequence, "sequence"),
             epoch=message.epoch,
-            range=array_from_proto(message.range, "range"),
+            range=ranges,
             raw=array_from_proto(message.raw, "raw"),
             status=array_from_proto(message.status, "status"),
             flags=array_from_proto(message.flags, "flags"),
             lost=message.lost,
+            std=array_from_proto(message.std, "std") if message.HasField("std") else _unknown(ranges),
         )
         batch.__dict__["message"] = message  # where cached_property looks first
         return batch
@@ -83,6 +92,7 @@ class RangeBatch:
             status=array_to_proto(self.status, "u1"),
             flags=array_to_proto(self.flags, "u1"),
             lost=self.lost,
+            std=array_to_proto(self.std, "f4"),
         )
 
     def __len__(self) -> int:
@@ -91,3 +101,8 @@ class RangeBatch:
     @property
     def modules(self) -> int:
         return int(self.range.shape[1])
+
+
+def _unknown(ranges: Array) -> NDArray[np.float32]:
+    """The std of ranges of an old recording."""
+    return np.full(ranges.shape, np.nan, dtype=np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pretouch.errors import InvalidInput
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.reader import prefix_errors
-from pretouch_sensor_gateway.calibration.model import MAX_MODULES, Calibration, ModuleCalibration
+from pretouch_sensor_gateway.calibration.model import EVERYWHERE, MAX_MODULES, Calibration, ModuleCalibration
 
 
 def calibration_to_proto(calibration: Calibration) -> pb.Calibration:
@@ -19,9 +19,15 @@ def calibration_to_proto(calibration: Calibration) -> pb.Calibration:
                 crosstalk=module.crosstalk,
                 std=module.std,
                 std_slope=module.std_slope,
+                residual=module.residual,
+                corrections=[
+                    pb.RangeCorrection(distance=place, correction=added) for place, added in module.corrections
+                ],
+                span=None if module.span == EVERYWHERE else pb.RangeSpan(start=module.span[0], end=module.span[1]),
             )
             for module in calibration.modules
         ],
+        bias_std=calibration.bias_std,
     )
 
 
@@ -37,7 +43,17 @@ def calibration_from_proto(message: pb.Calibration) -> Calibration:
     for k, module in enumerate(message.modules):
         with prefix_errors(f"calibration.modules[{k}]"):
             modules.append(
-                ModuleCalibration(module.offset, module.scale, module.crosstalk, module.std, module.std_slope)
+                ModuleCalibration(
+                    module.offset,
+                    module.scale,
+                    module.crosstalk,
+                    module.std,
+                    module.std_slope,
+                    module.residual,
+                    tuple((pair.distance, pair.correction) for pair in module.corrections),
+                    (module.span.start, module.span.end) if module.HasField("span") else EVERYWHERE,
+                )
             )
     with prefix_errors("calibration"):
-        return Calibration(message.serial, message.warm_up, tuple(modules))
+        bias_std = message.bias_std if message.HasField("bias_std") else None
+        return Calibration(message.serial, message.warm_up, tuple(modules), bias_std)

@@ -25,6 +25,7 @@ def build_table(fits: Sequence[ModuleFit]) -> Table:
         "noise\nmm",
         "per m\nmm",
         "off by\nmm rms",
+        "new\nmm",
         "out-\nliers",
     ):
         table.add_column(title, justify="right", no_wrap=True)
@@ -44,6 +45,7 @@ def build_table(fits: Sequence[ModuleFit]) -> Table:
             f"{1000 * module.std:.2f}\n±{1000 * errors.std:.2f}",
             f"{1000 * module.std_slope:.1f}",
             f"{1000 * before:.1f} → {1000 * after:.1f}",
+            f"{1000 * module.residual:.1f}" if len(fit.points) > 2 else "?",
             str(outliers),
         )
     return table
@@ -68,7 +70,7 @@ def _warn_of_unexplained(fits: Sequence[ModuleFit]) -> list[str]:
     found = []
     for k, fit in enumerate(fits):
         off = _rms([point.residual for point in fit.points])
-        noise = _rms([float(fit.calibration.std_at(np.array(point.distance))) for point in fit.points])
+        noise = _rms([fit.calibration.std + fit.calibration.std_slope * point.distance for point in fit.points])
         if off > max(_SUSPICIOUS, noise) and not fit.problem:
             found.append(f"Module {k}: the model is still {1000 * off:.1f} mm off; were the distances right?")
     return found

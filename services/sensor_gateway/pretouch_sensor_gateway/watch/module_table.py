@@ -18,6 +18,12 @@ RECENT = 10.0
 """Seconds over which the share and the rate of returns are computed."""
 _WIDE = 112
 """Columns of a terminal from which on there is room for more numbers."""
+_DOUBTS = {
+    Flag.JUMP: "jump",
+    Flag.WARMING_UP: "warming up",
+    Flag.BEYOND_CALIBRATION: "beyond calibration",
+    Flag.STD_UNKNOWN: "noise unknown",
+}
 _LEAST_BAR, _LARGEST_BAR = 8, 50
 _LEAST_SPARKLINE, _LARGEST_SPARKLINE = 12, 120
 
@@ -94,7 +100,7 @@ class ModuleTable:
     def _status(self, k: int) -> Text:
         reading = self._readings[k]
         words = explain_code(reading.code, self._device.status.format)
-        doubts = ", jump" * bool(reading.flags & Flag.JUMP) + ", warming up" * bool(reading.flags & Flag.WARMING_UP)
+        doubts = "".join(f", {text}" for flag, text in _DOUBTS.items() if reading.flags & flag)
         good = reading.code == 0
         style = "green" if good and not doubts else "yellow"
         return Text(f"{words}{doubts}" if good else f"{reading.code} {words}{doubts}", style if self._live else "dim")
