@@ -17,9 +17,9 @@ class JumpDetector:
     """Compares each module's range with its earlier ones.
 
     A range is a jump if it is further from the module's last confirmed range than noise and the tip's motion explain;
-    while the noise is not known, nothing is. The edge of an object is a jump too, but a lasting one: a second range near
-    it confirms it. So at an edge one range is flagged, and a wild reading is always flagged. A measurement without a
-    range changes nothing.
+    while the noise is not known, nothing is. The edge of an object is a jump too, but a lasting one: a second range
+    near it confirms it. So at an edge one range is flagged, and a wild reading is always flagged. A measurement without
+    a range changes nothing.
     """
 
     def __init__(self) -> None:

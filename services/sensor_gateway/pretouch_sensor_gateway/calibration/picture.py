@@ -25,8 +25,8 @@ def write_picture(path: Path, calibration: Calibration, record: CalibrationRecor
     """Writes a .png with a row for each module.
 
     From left to right: reading minus distance with the fitted curve and the outliers; calibrated mean minus distance;
-    noise of the calibrated ranges with the fitted line, and with the curve's residual; parameters with standard errors. Error bars are one standard
-    deviation of a single reading on the left, of the mean in the middle.
+    noise of the calibrated ranges with the fitted line, and with the curve's residual; parameters with standard errors.
+    Error bars are one standard deviation of a single reading on the left, of the mean in the middle.
 
     Raises:
         InvalidInput: another suffix, or a folder that cannot be written to.
