@@ -1,12 +1,13 @@
-"""Measures, at a target that stands still, how long a module takes to get warm, and the error that a scan's ranges share.
+"""Measures, at a target that stands still, how long a module takes to get warm, and the error that a scan's ranges
+share.
 
 The ranges of a scan share whatever is slower than the scan. A module's slow noise is roughly of the kind 1 / f, whose
 variance between means of a scan's length grows with the logarithm of the time that they cover: over n scans it is
 
     A^2 n ln n / (2 (n - 1) ln 2),
 
-A^2 being the Allan variance, which does not depend on the time (Barnes and Allan, Variances based on data with dead time,
-NIST 1990). A calibration is used for hours and the drift is measured for minutes, so what was found is extrapolated to
+A^2 being the Allan variance, which does not depend on the time (Barnes, Tables of bias functions, NBS Technical Note
+375, 1969). A calibration is used for hours and the drift is measured for minutes, so what was found is extrapolated to
 `HORIZON` by that law.
 """
 
