@@ -45,7 +45,9 @@ def draw_truth(finger: ConeFinger, rng: np.random.Generator) -> tuple[Truth, Pos
 
 def make_world() -> World:
     """A table and a flat block, whose edge is the base's y axis, its top beyond at x < 0."""
-    return World([Body(box(0.3, 0.6, HEIGHT), Pose.of(np.eye(3), [-0.15, 0.0, 0.0]))], Plane((0.0, 0.0, 1.0), 0.0))
+    return World(
+        [Body(box(0.3, 0.6, HEIGHT), Pose.of(np.eye(3), [-0.15, 0.0, 0.0]))], Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+    )
 
 
 def _passes() -> Iterator[tuple[Array, Array, Array]]:

@@ -15,6 +15,9 @@ Curve = Callable[[Array], Array]
 """Readings, m, at distances, m."""
 
 _KNOTS = (3, 4, 5, 6, 8, 10)
+_PER_KNOT = 3
+"""Distances for each knot, at least; three knots need five."""
+_FEWEST = 5
 _BLOCKS = 8
 """Into which the inner distances are split by order; one block of neighbours is left out at a time, because the errors
 of neighbours are alike. The outermost distances always stay: beyond them no calibration is said to hold."""
@@ -56,7 +59,7 @@ def choose_curve(
     curves: list[Curve | None] = [None]
     offs = [predict(solve_straight)]
     for count in _KNOTS:
-        if count > n - max(2, len(blocks[0])):
+        if n < _FEWEST or count > max(n // _PER_KNOT, _KNOTS[0]):
             break
         knots = np.linspace(distances[0], distances[-1], count)
 
