@@ -202,7 +202,7 @@ def recover(model: FingerModel, seed: int) -> Recovered | str:
     truth, mount = draw_truth(finger, rng)
     sensor = finger.sensor
     try:
-        fit = fit_sweep(fly(finger, truth, mount, rng), Pose.identity(), sensor.range_std, sensor.beam_half_angle)
+        fit, _ = fit_sweep(fly(finger, truth, mount, rng), Pose.identity(), sensor.range_std, sensor.beam_half_angle)
     except InvalidInput as error:
         return error.detail
     stds = np.sqrt(np.diag(fit.covariance))

@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from pretouch.v1 import common_pb2 as pretouch_dot_v1_dot_common__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n pretouch/v1/sensor_gateway.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"\x14\n\x12ListDevicesRequest\";\n\x13ListDevicesResponse\x12$\n\x07\x64\x65vices\x18\x01 \x03(\x0b\x32\x13.pretouch.v1.Device\"\x97\x01\n\x06\x44\x65vice\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04port\x18\x02 \x01(\t\x12\'\n\x05state\x18\x03 \x01(\x0e\x32\x18.pretouch.v1.DeviceState\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nbad_frames\x18\x05 \x01(\x04\x12\x13\n\x0blost_frames\x18\x06 \x01(\x04\x12\x0f\n\x07problem\x18\x07 \x01(\t\"\"\n\x10GetStatusRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\"S\n\x0b\x43lockStatus\x12\x14\n\x0csynchronised\x18\x01 \x01(\x08\x12\r\n\x05\x64rift\x18\x02 \x01(\x01\x12\x0b\n\x03std\x18\x03 \x01(\x01\x12\x12\n\nround_trip\x18\x04 \x01(\x01\"c\n\x0cModuleStatus\x12\r\n\x05range\x18\x01 \x01(\x01\x12\x0e\n\x06status\x18\x02 \x01(\r\x12\x14\n\x0cmeasurements\x18\x03 \x01(\x04\x12\x0f\n\x07returns\x18\x04 \x01(\x04\x12\r\n\x05jumps\x18\x05 \x01(\x04\"\x80\x01\n\x0fRecordingStatus\x12\n\n\x02on\x18\x01 \x01(\x08\x12\x0c\n\x04path\x18\x02 \x01(\t\x12\r\n\x05\x62ytes\x18\x03 \x01(\x04\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nunrecorded\x18\x05 \x01(\x04\x12\x0f\n\x07problem\x18\x06 \x01(\t\x12\x0f\n\x07pending\x18\x07 \x01(\x04\"M\n\x08Identity\x12\x0e\n\x06serial\x18\x01 \x01(\t\x12\x10\n\x08\x66irmware\x18\x02 \x01(\t\x12\x0f\n\x07modules\x18\x03 \x01(\r\x12\x0e\n\x06period\x18\x04 \x01(\x01\"\xa1\x04\n\x11GetStatusResponse\x12#\n\x06\x64\x65vice\x18\x01 \x01(\x0b\x32\x13.pretouch.v1.Device\x12\x0e\n\x06\x66ormat\x18\x02 \x01(\t\x12\'\n\x08identity\x18\x03 \x01(\x0b\x32\x15.pretouch.v1.Identity\x12\r\n\x05\x65poch\x18\x04 \x01(\r\x12\x13\n\x0b\x63onnections\x18\x05 \x01(\x04\x12<\n\x07refused\x18\x06 \x03(\x0b\x32+.pretouch.v1.GetStatusResponse.RefusedEntry\x12\x0f\n\x07untimed\x18\x07 \x01(\x04\x12\x0c\n\x04rate\x18\x08 \x01(\x01\x12\'\n\x05\x63lock\x18\t \x01(\x0b\x32\x18.pretouch.v1.ClockStatus\x12*\n\x07modules\x18\n \x03(\x0b\x32\x19.pretouch.v1.ModuleStatus\x12/\n\trecording\x18\x0b \x01(\x0b\x32\x1c.pretouch.v1.RecordingStatus\x12\x13\n\x0bsubscribers\x18\x0c \x01(\r\x12\x0f\n\x07overrun\x18\r \x01(\x04\x12\x18\n\x10host_clock_jumps\x18\x0e \x01(\x04\x12\x37\n\rconfiguration\x18\x0f \x01(\x0b\x32 .pretouch.v1.DeviceConfiguration\x1a.\n\x0cRefusedEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x04:\x02\x38\x01\"\xde\x01\n\x11ModuleCalibration\x12\x0e\n\x06offset\x18\x01 \x01(\x01\x12\r\n\x05scale\x18\x02 \x01(\x01\x12\x11\n\tcrosstalk\x18\x03 \x01(\x01\x12\x0b\n\x03std\x18\x04 \x01(\x01\x12\x11\n\tstd_slope\x18\x05 \x01(\x01\x12\x10\n\x08residual\x18\x06 \x01(\x01\x12\x31\n\x0b\x63orrections\x18\x07 \x03(\x0b\x32\x1c.pretouch.v1.RangeCorrection\x12)\n\x04span\x18\x08 \x01(\x0b\x32\x16.pretouch.v1.RangeSpanH\x00\x88\x01\x01\x42\x07\n\x05_span\"7\n\x0fRangeCorrection\x12\x10\n\x08\x64istance\x18\x01 \x01(\x01\x12\x12\n\ncorrection\x18\x02 \x01(\x01\"\'\n\tRangeSpan\x12\r\n\x05start\x18\x01 \x01(\x01\x12\x0b\n\x03\x65nd\x18\x02 \x01(\x01\"\x83\x01\n\x0b\x43\x61libration\x12\x0e\n\x06serial\x18\x01 \x01(\t\x12\x0f\n\x07warm_up\x18\x02 \x01(\x01\x12/\n\x07modules\x18\x03 \x03(\x0b\x32\x1e.pretouch.v1.ModuleCalibration\x12\x15\n\x08\x62ias_std\x18\x04 \x01(\x01H\x00\x88\x01\x01\x42\x0b\n\t_bias_std\"\x80\x01\n\x13\x44\x65viceConfiguration\x12\'\n\x0ctip_t_module\x18\x01 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12-\n\x0b\x63\x61libration\x18\x02 \x01(\x0b\x32\x18.pretouch.v1.Calibration\x12\x11\n\trecording\x18\x03 \x01(\x08\"\xb5\x01\n\x10\x43onfigureRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\x32\n\x0b\x63\x61libration\x18\x03 \x01(\x0b\x32\x18.pretouch.v1.CalibrationH\x00\x88\x01\x01\x12\x16\n\trecording\x18\x04 \x01(\x08H\x01\x88\x01\x01\x42\x0e\n\x0c_calibrationB\x0c\n\n_recording\"L\n\x11\x43onfigureResponse\x12\x37\n\rconfiguration\x18\x01 \x01(\x0b\x32 .pretouch.v1.DeviceConfiguration\"%\n\x13StreamRangesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\"\xac\x02\n\nRangeBatch\x12\x1d\n\x01t\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x10\n\x08time_std\x18\x02 \x01(\x01\x12$\n\x08sequence\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\r\n\x05\x65poch\x18\x04 \x01(\r\x12!\n\x05range\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1f\n\x03raw\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06status\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66lags\x18\x08 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\t \x01(\x04\x12\x1f\n\x03std\x18\n \x01(\x0b\x32\x12.pretouch.v1.Array\"O\n\x14StreamRangesResponse\x12&\n\x05\x62\x61tch\x18\x01 \x01(\x0b\x32\x17.pretouch.v1.RangeBatch\x12\x0f\n\x07overrun\x18\x02 \x01(\x04\";\n\x07TipPose\x12\t\n\x01t\x18\x01 \x01(\x01\x12%\n\nbase_t_tip\x18\x02 \x01(\x0b\x32\x11.pretouch.v1.Pose\"w\n\x13StreamPointsRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\'\n\ttip_poses\x18\x03 \x03(\x0b\x32\x14.pretouch.v1.TipPose\"\xa2\x02\n\x14StreamPointsResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples\x12\"\n\x06points\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\x03 \x01(\x04\x12\x0f\n\x07unposed\x18\x04 \x01(\x04\x12#\n\x07origins\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\ndirections\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1f\n\x03std\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66lags\x18\x08 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0f\n\x07overrun\x18\t \x01(\x04\"=\n\x11GetSamplesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\x0c\n\x04\x66rom\x18\x02 \x01(\x01\x12\n\n\x02to\x18\x03 \x01(\x01\";\n\x12GetSamplesResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples*\x95\x01\n\x0b\x44\x65viceState\x12\x1c\n\x18\x44\x45VICE_STATE_UNSPECIFIED\x10\x00\x12\x1b\n\x17\x44\x45VICE_STATE_CONNECTING\x10\x01\x12\x1a\n\x16\x44\x45VICE_STATE_STREAMING\x10\x02\x12\x17\n\x13\x44\x45VICE_STATE_SILENT\x10\x03\x12\x16\n\x12\x44\x45VICE_STATE_ENDED\x10\x04\x32\xff\x03\n\x14SensorGatewayService\x12P\n\x0bListDevices\x12\x1f.pretouch.v1.ListDevicesRequest\x1a .pretouch.v1.ListDevicesResponse\x12J\n\tGetStatus\x12\x1d.pretouch.v1.GetStatusRequest\x1a\x1e.pretouch.v1.GetStatusResponse\x12J\n\tConfigure\x12\x1d.pretouch.v1.ConfigureRequest\x1a\x1e.pretouch.v1.ConfigureResponse\x12U\n\x0cStreamRanges\x12 .pretouch.v1.StreamRangesRequest\x1a!.pretouch.v1.StreamRangesResponse0\x01\x12W\n\x0cStreamPoints\x12 .pretouch.v1.StreamPointsRequest\x1a!.pretouch.v1.StreamPointsResponse(\x01\x30\x01\x12M\n\nGetSamples\x12\x1e.pretouch.v1.GetSamplesRequest\x1a\x1f.pretouch.v1.GetSamplesResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n pretouch/v1/sensor_gateway.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"\x14\n\x12ListDevicesRequest\";\n\x13ListDevicesResponse\x12$\n\x07\x64\x65vices\x18\x01 \x03(\x0b\x32\x13.pretouch.v1.Device\"\x97\x01\n\x06\x44\x65vice\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04port\x18\x02 \x01(\t\x12\'\n\x05state\x18\x03 \x01(\x0e\x32\x18.pretouch.v1.DeviceState\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nbad_frames\x18\x05 \x01(\x04\x12\x13\n\x0blost_frames\x18\x06 \x01(\x04\x12\x0f\n\x07problem\x18\x07 \x01(\t\"\"\n\x10GetStatusRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\"S\n\x0b\x43lockStatus\x12\x14\n\x0csynchronised\x18\x01 \x01(\x08\x12\r\n\x05\x64rift\x18\x02 \x01(\x01\x12\x0b\n\x03std\x18\x03 \x01(\x01\x12\x12\n\nround_trip\x18\x04 \x01(\x01\"c\n\x0cModuleStatus\x12\r\n\x05range\x18\x01 \x01(\x01\x12\x0e\n\x06status\x18\x02 \x01(\r\x12\x14\n\x0cmeasurements\x18\x03 \x01(\x04\x12\x0f\n\x07returns\x18\x04 \x01(\x04\x12\r\n\x05jumps\x18\x05 \x01(\x04\"\x80\x01\n\x0fRecordingStatus\x12\n\n\x02on\x18\x01 \x01(\x08\x12\x0c\n\x04path\x18\x02 \x01(\t\x12\r\n\x05\x62ytes\x18\x03 \x01(\x04\x12\x0e\n\x06\x66rames\x18\x04 \x01(\x04\x12\x12\n\nunrecorded\x18\x05 \x01(\x04\x12\x0f\n\x07problem\x18\x06 \x01(\t\x12\x0f\n\x07pending\x18\x07 \x01(\x04\"M\n\x08Identity\x12\x0e\n\x06serial\x18\x01 \x01(\t\x12\x10\n\x08\x66irmware\x18\x02 \x01(\t\x12\x0f\n\x07modules\x18\x03 \x01(\r\x12\x0e\n\x06period\x18\x04 \x01(\x01\"\xd6\x04\n\x11GetStatusResponse\x12#\n\x06\x64\x65vice\x18\x01 \x01(\x0b\x32\x13.pretouch.v1.Device\x12\x0e\n\x06\x66ormat\x18\x02 \x01(\t\x12\'\n\x08identity\x18\x03 \x01(\x0b\x32\x15.pretouch.v1.Identity\x12\r\n\x05\x65poch\x18\x04 \x01(\r\x12\x13\n\x0b\x63onnections\x18\x05 \x01(\x04\x12<\n\x07refused\x18\x06 \x03(\x0b\x32+.pretouch.v1.GetStatusResponse.RefusedEntry\x12\x0f\n\x07untimed\x18\x07 \x01(\x04\x12\x0c\n\x04rate\x18\x08 \x01(\x01\x12\'\n\x05\x63lock\x18\t \x01(\x0b\x32\x18.pretouch.v1.ClockStatus\x12*\n\x07modules\x18\n \x03(\x0b\x32\x19.pretouch.v1.ModuleStatus\x12/\n\trecording\x18\x0b \x01(\x0b\x32\x1c.pretouch.v1.RecordingStatus\x12\x13\n\x0bsubscribers\x18\x0c \x01(\r\x12\x0f\n\x07overrun\x18\r \x01(\x04\x12\x18\n\x10host_clock_jumps\x18\x0e \x01(\x04\x12\x37\n\rconfiguration\x18\x0f \x01(\x0b\x32 .pretouch.v1.DeviceConfiguration\x12(\n\x06sensor\x18\x12 \x01(\x0b\x32\x13.pretouch.v1.SensorH\x00\x88\x01\x01\x1a.\n\x0cRefusedEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x04:\x02\x38\x01\x42\t\n\x07_sensor\"\x99\x02\n\x11ModuleCalibration\x12\x0e\n\x06offset\x18\x01 \x01(\x01\x12\r\n\x05scale\x18\x02 \x01(\x01\x12\x11\n\tcrosstalk\x18\x03 \x01(\x01\x12\x0b\n\x03std\x18\x04 \x01(\x01\x12\x11\n\tstd_slope\x18\x05 \x01(\x01\x12\x10\n\x08residual\x18\x06 \x01(\x01\x12\x31\n\x0b\x63orrections\x18\x07 \x03(\x0b\x32\x1c.pretouch.v1.RangeCorrection\x12)\n\x04span\x18\x08 \x01(\x0b\x32\x16.pretouch.v1.RangeSpanH\x00\x88\x01\x01\x12,\n\x08mounting\x18\t \x01(\x0b\x32\x15.pretouch.v1.MountingH\x01\x88\x01\x01\x42\x07\n\x05_spanB\x0b\n\t_mounting\"\xb3\x01\n\x08Mounting\x12\'\n\x0ctip_t_module\x18\x01 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x0e\n\x06offset\x18\x02 \x01(\x01\x12\x0f\n\x07latency\x18\x03 \x01(\x01\x12\x12\n\nhalf_angle\x18\x04 \x01(\x01\x12\r\n\x05\x64\x65\x63\x61y\x18\x05 \x01(\x01\x12&\n\ncovariance\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x12\n\nunobserved\x18\x07 \x03(\t\"7\n\x0fRangeCorrection\x12\x10\n\x08\x64istance\x18\x01 \x01(\x01\x12\x12\n\ncorrection\x18\x02 \x01(\x01\"\'\n\tRangeSpan\x12\r\n\x05start\x18\x01 \x01(\x01\x12\x0b\n\x03\x65nd\x18\x02 \x01(\x01\"\x83\x01\n\x0b\x43\x61libration\x12\x0e\n\x06serial\x18\x01 \x01(\t\x12\x0f\n\x07warm_up\x18\x02 \x01(\x01\x12/\n\x07modules\x18\x03 \x03(\x0b\x32\x1e.pretouch.v1.ModuleCalibration\x12\x15\n\x08\x62ias_std\x18\x04 \x01(\x01H\x00\x88\x01\x01\x42\x0b\n\t_bias_std\"\x80\x01\n\x13\x44\x65viceConfiguration\x12\'\n\x0ctip_t_module\x18\x01 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12-\n\x0b\x63\x61libration\x18\x02 \x01(\x0b\x32\x18.pretouch.v1.Calibration\x12\x11\n\trecording\x18\x03 \x01(\x08\"\xb5\x01\n\x10\x43onfigureRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\x32\n\x0b\x63\x61libration\x18\x03 \x01(\x0b\x32\x18.pretouch.v1.CalibrationH\x00\x88\x01\x01\x12\x16\n\trecording\x18\x04 \x01(\x08H\x01\x88\x01\x01\x42\x0e\n\x0c_calibrationB\x0c\n\n_recording\"L\n\x11\x43onfigureResponse\x12\x37\n\rconfiguration\x18\x01 \x01(\x0b\x32 .pretouch.v1.DeviceConfiguration\"%\n\x13StreamRangesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\"\xac\x02\n\nRangeBatch\x12\x1d\n\x01t\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x10\n\x08time_std\x18\x02 \x01(\x01\x12$\n\x08sequence\x18\x03 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\r\n\x05\x65poch\x18\x04 \x01(\r\x12!\n\x05range\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1f\n\x03raw\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\"\n\x06status\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66lags\x18\x08 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\t \x01(\x04\x12\x1f\n\x03std\x18\n \x01(\x0b\x32\x12.pretouch.v1.Array\"O\n\x14StreamRangesResponse\x12&\n\x05\x62\x61tch\x18\x01 \x01(\x0b\x32\x17.pretouch.v1.RangeBatch\x12\x0f\n\x07overrun\x18\x02 \x01(\x04\";\n\x07TipPose\x12\t\n\x01t\x18\x01 \x01(\x01\x12%\n\nbase_t_tip\x18\x02 \x01(\x0b\x32\x11.pretouch.v1.Pose\"w\n\x13StreamPointsRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\'\n\x0ctip_t_module\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Pose\x12\'\n\ttip_poses\x18\x03 \x03(\x0b\x32\x14.pretouch.v1.TipPose\"\xa2\x02\n\x14StreamPointsResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples\x12\"\n\x06points\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0c\n\x04lost\x18\x03 \x01(\x04\x12\x0f\n\x07unposed\x18\x04 \x01(\x04\x12#\n\x07origins\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\x12&\n\ndirections\x18\x06 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1f\n\x03std\x18\x07 \x01(\x0b\x32\x12.pretouch.v1.Array\x12!\n\x05\x66lags\x18\x08 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x0f\n\x07overrun\x18\t \x01(\x04\"=\n\x11GetSamplesRequest\x12\x0e\n\x06\x64\x65vice\x18\x01 \x01(\t\x12\x0c\n\x04\x66rom\x18\x02 \x01(\x01\x12\n\n\x02to\x18\x03 \x01(\x01\";\n\x12GetSamplesResponse\x12%\n\x07samples\x18\x01 \x01(\x0b\x32\x14.pretouch.v1.Samples*\x95\x01\n\x0b\x44\x65viceState\x12\x1c\n\x18\x44\x45VICE_STATE_UNSPECIFIED\x10\x00\x12\x1b\n\x17\x44\x45VICE_STATE_CONNECTING\x10\x01\x12\x1a\n\x16\x44\x45VICE_STATE_STREAMING\x10\x02\x12\x17\n\x13\x44\x45VICE_STATE_SILENT\x10\x03\x12\x16\n\x12\x44\x45VICE_STATE_ENDED\x10\x04\x32\xff\x03\n\x14SensorGatewayService\x12P\n\x0bListDevices\x12\x1f.pretouch.v1.ListDevicesRequest\x1a .pretouch.v1.ListDevicesResponse\x12J\n\tGetStatus\x12\x1d.pretouch.v1.GetStatusRequest\x1a\x1e.pretouch.v1.GetStatusResponse\x12J\n\tConfigure\x12\x1d.pretouch.v1.ConfigureRequest\x1a\x1e.pretouch.v1.ConfigureResponse\x12U\n\x0cStreamRanges\x12 .pretouch.v1.StreamRangesRequest\x1a!.pretouch.v1.StreamRangesResponse0\x01\x12W\n\x0cStreamPoints\x12 .pretouch.v1.StreamPointsRequest\x1a!.pretouch.v1.StreamPointsResponse(\x01\x30\x01\x12M\n\nGetSamples\x12\x1e.pretouch.v1.GetSamplesRequest\x1a\x1f.pretouch.v1.GetSamplesResponseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -34,8 +34,8 @@ if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._loaded_options = None
   _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._serialized_options = b'8\001'
-  _globals['_DEVICESTATE']._serialized_start=3165
-  _globals['_DEVICESTATE']._serialized_end=3314
+  _globals['_DEVICESTATE']._serialized_start=3459
+  _globals['_DEVICESTATE']._serialized_end=3608
   _globals['_LISTDEVICESREQUEST']._serialized_start=75
   _globals['_LISTDEVICESREQUEST']._serialized_end=95
   _globals['_LISTDEVICESRESPONSE']._serialized_start=97
@@ -53,39 +53,41 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_IDENTITY']._serialized_start=665
   _globals['_IDENTITY']._serialized_end=742
   _globals['_GETSTATUSRESPONSE']._serialized_start=745
-  _globals['_GETSTATUSRESPONSE']._serialized_end=1290
-  _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._serialized_start=1244
-  _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._serialized_end=1290
-  _globals['_MODULECALIBRATION']._serialized_start=1293
-  _globals['_MODULECALIBRATION']._serialized_end=1515
-  _globals['_RANGECORRECTION']._serialized_start=1517
-  _globals['_RANGECORRECTION']._serialized_end=1572
-  _globals['_RANGESPAN']._serialized_start=1574
-  _globals['_RANGESPAN']._serialized_end=1613
-  _globals['_CALIBRATION']._serialized_start=1616
-  _globals['_CALIBRATION']._serialized_end=1747
-  _globals['_DEVICECONFIGURATION']._serialized_start=1750
-  _globals['_DEVICECONFIGURATION']._serialized_end=1878
-  _globals['_CONFIGUREREQUEST']._serialized_start=1881
-  _globals['_CONFIGUREREQUEST']._serialized_end=2062
-  _globals['_CONFIGURERESPONSE']._serialized_start=2064
-  _globals['_CONFIGURERESPONSE']._serialized_end=2140
-  _globals['_STREAMRANGESREQUEST']._serialized_start=2142
-  _globals['_STREAMRANGESREQUEST']._serialized_end=2179
-  _globals['_RANGEBATCH']._serialized_start=2182
-  _globals['_RANGEBATCH']._serialized_end=2482
-  _globals['_STREAMRANGESRESPONSE']._serialized_start=2484
-  _globals['_STREAMRANGESRESPONSE']._serialized_end=2563
-  _globals['_TIPPOSE']._serialized_start=2565
-  _globals['_TIPPOSE']._serialized_end=2624
-  _globals['_STREAMPOINTSREQUEST']._serialized_start=2626
-  _globals['_STREAMPOINTSREQUEST']._serialized_end=2745
-  _globals['_STREAMPOINTSRESPONSE']._serialized_start=2748
-  _globals['_STREAMPOINTSRESPONSE']._serialized_end=3038
-  _globals['_GETSAMPLESREQUEST']._serialized_start=3040
-  _globals['_GETSAMPLESREQUEST']._serialized_end=3101
-  _globals['_GETSAMPLESRESPONSE']._serialized_start=3103
-  _globals['_GETSAMPLESRESPONSE']._serialized_end=3162
-  _globals['_SENSORGATEWAYSERVICE']._serialized_start=3317
-  _globals['_SENSORGATEWAYSERVICE']._serialized_end=3828
+  _globals['_GETSTATUSRESPONSE']._serialized_end=1343
+  _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._serialized_start=1286
+  _globals['_GETSTATUSRESPONSE_REFUSEDENTRY']._serialized_end=1332
+  _globals['_MODULECALIBRATION']._serialized_start=1346
+  _globals['_MODULECALIBRATION']._serialized_end=1627
+  _globals['_MOUNTING']._serialized_start=1630
+  _globals['_MOUNTING']._serialized_end=1809
+  _globals['_RANGECORRECTION']._serialized_start=1811
+  _globals['_RANGECORRECTION']._serialized_end=1866
+  _globals['_RANGESPAN']._serialized_start=1868
+  _globals['_RANGESPAN']._serialized_end=1907
+  _globals['_CALIBRATION']._serialized_start=1910
+  _globals['_CALIBRATION']._serialized_end=2041
+  _globals['_DEVICECONFIGURATION']._serialized_start=2044
+  _globals['_DEVICECONFIGURATION']._serialized_end=2172
+  _globals['_CONFIGUREREQUEST']._serialized_start=2175
+  _globals['_CONFIGUREREQUEST']._serialized_end=2356
+  _globals['_CONFIGURERESPONSE']._serialized_start=2358
+  _globals['_CONFIGURERESPONSE']._serialized_end=2434
+  _globals['_STREAMRANGESREQUEST']._serialized_start=2436
+  _globals['_STREAMRANGESREQUEST']._serialized_end=2473
+  _globals['_RANGEBATCH']._serialized_start=2476
+  _globals['_RANGEBATCH']._serialized_end=2776
+  _globals['_STREAMRANGESRESPONSE']._serialized_start=2778
+  _globals['_STREAMRANGESRESPONSE']._serialized_end=2857
+  _globals['_TIPPOSE']._serialized_start=2859
+  _globals['_TIPPOSE']._serialized_end=2918
+  _globals['_STREAMPOINTSREQUEST']._serialized_start=2920
+  _globals['_STREAMPOINTSREQUEST']._serialized_end=3039
+  _globals['_STREAMPOINTSRESPONSE']._serialized_start=3042
+  _globals['_STREAMPOINTSRESPONSE']._serialized_end=3332
+  _globals['_GETSAMPLESREQUEST']._serialized_start=3334
+  _globals['_GETSAMPLESREQUEST']._serialized_end=3395
+  _globals['_GETSAMPLESRESPONSE']._serialized_start=3397
+  _globals['_GETSAMPLESRESPONSE']._serialized_end=3456
+  _globals['_SENSORGATEWAYSERVICE']._serialized_start=3611
+  _globals['_SENSORGATEWAYSERVICE']._serialized_end=4122
 # @@protoc_insertion_point(module_scope)

@@ -358,6 +358,7 @@ class GetStatusResponse(_message.Message):
     OVERRUN_FIELD_NUMBER: _builtins.int
     HOST_CLOCK_JUMPS_FIELD_NUMBER: _builtins.int
     CONFIGURATION_FIELD_NUMBER: _builtins.int
+    SENSOR_FIELD_NUMBER: _builtins.int
     format: _builtins.str
     """Name of the wire format; empty while it is not recognised."""
     epoch: _builtins.int
@@ -402,6 +403,12 @@ class GetStatusResponse(_message.Message):
     def configuration(self) -> Global___DeviceConfiguration:
         """Configuration of the device."""
 
+    @_builtins.property
+    def sensor(self) -> _common_pb2.Sensor:
+        """What a session's `sensor` may say of this finger, by its calibration and configuration, or its own noise; left out
+        while that is not known.
+        """
+
     def __init__(
         self,
         *,
@@ -420,12 +427,15 @@ class GetStatusResponse(_message.Message):
         overrun: _builtins.int = ...,
         host_clock_jumps: _builtins.int = ...,
         configuration: Global___DeviceConfiguration | None = ...,
+        sensor: _common_pb2.Sensor | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_sensor", b"_sensor", "clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording", "sensor", b"sensor"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "overrun", b"overrun", "rate", b"rate", "recording", b"recording", "refused", b"refused", "subscribers", b"subscribers", "untimed", b"untimed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_sensor", b"_sensor", "clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "overrun", b"overrun", "rate", b"rate", "recording", b"recording", "refused", b"refused", "sensor", b"sensor", "subscribers", b"subscribers", "untimed", b"untimed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__sensor: _TypeAlias = _typing.Literal["sensor"]  # noqa: Y015
+    _WhichOneofArgType__sensor: _TypeAlias = _typing.Literal["_sensor", b"_sensor"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__sensor) -> _WhichOneofReturnType__sensor | None: ...
 
 Global___GetStatusResponse: _TypeAlias = GetStatusResponse  # noqa: Y015
 
@@ -443,6 +453,7 @@ class ModuleCalibration(_message.Message):
     RESIDUAL_FIELD_NUMBER: _builtins.int
     CORRECTIONS_FIELD_NUMBER: _builtins.int
     SPAN_FIELD_NUMBER: _builtins.int
+    MOUNTING_FIELD_NUMBER: _builtins.int
     offset: _builtins.float
     """Reading at distance zero, in metres."""
     scale: _builtins.float
@@ -463,6 +474,10 @@ class ModuleCalibration(_message.Message):
     def span(self) -> Global___RangeSpan:
         """The distances that were calibrated; left out: not known."""
 
+    @_builtins.property
+    def mounting(self) -> Global___Mounting:
+        """What a sweep told of the module's place and its cone; left out: nothing yet."""
+
     def __init__(
         self,
         *,
@@ -474,16 +489,78 @@ class ModuleCalibration(_message.Message):
         residual: _builtins.float = ...,
         corrections: _abc.Iterable[Global___RangeCorrection] | None = ...,
         span: Global___RangeSpan | None = ...,
+        mounting: Global___Mounting | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_span", b"_span", "span", b"span"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_mounting", b"_mounting", "_span", b"_span", "mounting", b"mounting", "span", b"span"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_span", b"_span", "corrections", b"corrections", "crosstalk", b"crosstalk", "offset", b"offset", "residual", b"residual", "scale", b"scale", "span", b"span", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mounting", b"_mounting", "_span", b"_span", "corrections", b"corrections", "crosstalk", b"crosstalk", "mounting", b"mounting", "offset", b"offset", "residual", b"residual", "scale", b"scale", "span", b"span", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__mounting: _TypeAlias = _typing.Literal["mounting"]  # noqa: Y015
+    _WhichOneofArgType__mounting: _TypeAlias = _typing.Literal["_mounting", b"_mounting"]  # noqa: Y015
     _WhichOneofReturnType__span: _TypeAlias = _typing.Literal["span"]  # noqa: Y015
     _WhichOneofArgType__span: _TypeAlias = _typing.Literal["_span", b"_span"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__mounting) -> _WhichOneofReturnType__mounting | None: ...
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__span) -> _WhichOneofReturnType__span | None: ...
 
 Global___ModuleCalibration: _TypeAlias = ModuleCalibration  # noqa: Y015
+
+@_typing.final
+class Mounting(_message.Message):
+    """What a sweep over a step told of one module."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TIP_T_MODULE_FIELD_NUMBER: _builtins.int
+    OFFSET_FIELD_NUMBER: _builtins.int
+    LATENCY_FIELD_NUMBER: _builtins.int
+    HALF_ANGLE_FIELD_NUMBER: _builtins.int
+    DECAY_FIELD_NUMBER: _builtins.int
+    COVARIANCE_FIELD_NUMBER: _builtins.int
+    UNOBSERVED_FIELD_NUMBER: _builtins.int
+    offset: _builtins.float
+    """By how much ranges are too long and the module's origin lies further along the beam, together, in metres."""
+    latency: _builtins.float
+    """By how much the ranges' times are late, beside what the gateway knows of, in seconds."""
+    half_angle: _builtins.float
+    """Half angle of the cone, where the response is half of that on the axis, in radians."""
+    decay: _builtins.float
+    """Near parts count for more, by exp(-decay * range), in 1/m."""
+    @_builtins.property
+    def tip_t_module(self) -> _common_pb2.Pose:
+        """Pose of the module in the tip frame, z along its beam; its turn about the beam and its place along it are not
+        observed.
+        """
+
+    @_builtins.property
+    def covariance(self) -> _common_pb2.Array:
+        """10 x 10, FLOAT64: covariance of the tilts about x and y (rad), the origin in x and y (m), the offset (m), the
+        latency (s), the logarithm of the half angle, the decay (1/m), the gain, and the logarithm of the sharpness.
+        """
+
+    @_builtins.property
+    def unobserved(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """Names of those parameters that the sweep does not tell."""
+
+    def __init__(
+        self,
+        *,
+        tip_t_module: _common_pb2.Pose | None = ...,
+        offset: _builtins.float = ...,
+        latency: _builtins.float = ...,
+        half_angle: _builtins.float = ...,
+        decay: _builtins.float = ...,
+        covariance: _common_pb2.Array | None = ...,
+        unobserved: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["covariance", b"covariance", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["covariance", b"covariance", "decay", b"decay", "half_angle", b"half_angle", "latency", b"latency", "offset", b"offset", "tip_t_module", b"tip_t_module", "unobserved", b"unobserved"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Mounting: _TypeAlias = Mounting  # noqa: Y015
 
 @_typing.final
 class RangeCorrection(_message.Message):

@@ -10,7 +10,7 @@
     baud = 115200
     calibration = "finger.json"              # what `pretouch gateway calibrate` wrote
     record = true
-    modules = [                              # tip_T_module of each; default: one module at the tip
+    modules = [                              # tip_T_module of each; default: the calibration's, or one at the tip
         { translation = [0, 0, 0], rotation = [0, 0, 0, 1] },
     ]
 
@@ -158,6 +158,13 @@ def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
             calibration=calibration,
             tip_T_module=tuple(read_pose(item, f"modules[{k}]") for k, item in enumerate(members.items("modules")))
             if "modules" in members
-            else (Pose.identity(),),
+            else _find_mounts(calibration),
             record=record,
         )
+
+
+def _find_mounts(calibration: Calibration | None) -> tuple[Pose, ...]:
+    """The modules' poses as a sweep told them, or one module at the tip."""
+    mountings = [] if calibration is None else [module.mounting for module in calibration.modules]
+    known = tuple(mounting.tip_T_module for mounting in mountings if mounting is not None)
+    return known if known and len(known) == len(mountings) else (Pose.identity(),)

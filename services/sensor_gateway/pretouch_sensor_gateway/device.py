@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
+
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Pose
+from pretouch.tof import Sensor
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import pose_to_proto
 from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.calibration.proto_conversion import calibration_to_proto
+from pretouch_sensor_gateway.calibration.sensor import describe_sensor
 from pretouch_sensor_gateway.device_statistics import DeviceStatistics, ModuleStatistics
 from pretouch_sensor_gateway.history import History
 from pretouch_sensor_gateway.range_batch import RangeBatch
@@ -73,6 +78,7 @@ class Device:
         self._subscriptions: set[SubscriptionQueue] = set()
         self._overrun = 0  # of subscribers that have gone
         self._statistics = DeviceStatistics()
+        self._range_std = float("nan")  # of the newest batch that tells it
         self._record_configuration()
 
     async def run(self) -> None:
@@ -94,6 +100,9 @@ class Device:
         """Passes a batch to the statistics, the history, all subscribers and the recorder."""
         self._statistics.add(batch, time.monotonic())
         self.history.add(batch)
+        known = batch.std[np.isfinite(batch.std)]
+        if len(known):
+            self._range_std = float(np.sqrt(np.mean(np.square(known, dtype=np.float64))))
         for subscription in self._subscriptions:
             subscription.put(batch)
         if self.recorder is not None and self.recorder.on:
@@ -137,6 +146,13 @@ class Device:
             calibration=None if self.calibration is None else calibration_to_proto(self.calibration),
             recording=self.recorder is not None and self.recorder.on,
         )
+
+    def sensor(self) -> Sensor | None:
+        """What a session may state as its sensor; None while the noise or the rate is not known."""
+        rate = self._statistics.rate(time.monotonic())
+        if not math.isfinite(self._range_std) or rate <= 0:
+            return None
+        return describe_sensor(self.calibration, self.tip_T_module, self._range_std, rate)
 
     def now(self) -> float:
         """The present, Unix time, s, by the clock of the device's batches."""

@@ -7,7 +7,8 @@
  "bias_std_m": 0.0006,                                           may be left out: not measured
  "modules": [
   {"offset_m": 0.0031, "scale": 1.012, "crosstalk_per_m2": 0.0, "std_m": 0.0008, "std_slope": 0.011,
-   "residual_m": 0.0004, "span_m": [0.015, 0.1], "corrections_m": [[0.015, 0.0002], ...]},      these may be left out
+   "residual_m": 0.0004, "span_m": [0.015, 0.1], "corrections_m": [[0.015, 0.0002], ...],       these may be left out
+   "mounting": {"tip_T_module": ..., ...}},                      see `mounting.py`; may be left out
   ...],
  "made": {"date": ..., "device": ..., "modules": [...]}          see `record.py`; may be left out
 }
@@ -24,9 +25,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pretouch.errors import InvalidInput, Malformed
-from pretouch.wire.reader import Members, prefix_errors, read_integer, read_number, read_numbers
+from pretouch.wire.reader import Members, prefix_errors, read_integer, read_number, read_numbers, read_text
 from pretouch_sensor_gateway.calibration.model import EVERYWHERE, Calibration, ModuleCalibration
+from pretouch_sensor_gateway.calibration.mounting import PARAMETERS, Mounting
 from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit, Point, StandardErrors
 
 VERSION = 2
@@ -39,6 +43,7 @@ _MODULE = {
     "std": "std_m",
     "std_slope": "std_slope",
 }
+_MOUNTING = {"offset": "offset_m", "latency": "latency_s", "half_angle": "half_angle_rad", "decay": "decay_per_m"}
 _POINT = ("distance_m", "mean_m", "std_m", "samples", "outliers_m", "residual_m")
 _REMEDY = "Mend the file, or make a new one: pretouch gateway calibrate."
 
@@ -112,15 +117,40 @@ def _read(path: Path) -> tuple[Calibration, CalibrationRecord | None]:
 
 
 def _module(value: object, path: str) -> ModuleCalibration:
-    members = Members(value, path, (*_MODULE.values(), "residual_m", "span_m", "corrections_m"))
+    members = Members(value, path, (*_MODULE.values(), "residual_m", "span_m", "corrections_m", "mounting"))
     numbers = {name: members.number(member) for name, member in _MODULE.items()}
     residual = members.number("residual_m") if "residual_m" in members else 0.0
     start, end = members.numbers("span_m", 2) if "span_m" in members else EVERYWHERE
     items = members.items("corrections_m") if "corrections_m" in members else []
     pairs = [read_numbers(item, f"{path}.corrections_m[{n}]", 2) for n, item in enumerate(items)]
     corrections = tuple((place, added) for place, added in pairs)
+    mounting = _mounting(members.get("mounting"), f"{path}.mounting") if "mounting" in members else None
     with prefix_errors(path):
-        return ModuleCalibration(**numbers, residual=residual, corrections=corrections, span=(start, end))
+        return ModuleCalibration(
+            **numbers, residual=residual, corrections=corrections, span=(start, end), mounting=mounting
+        )
+
+
+def _mounting(value: object, path: str) -> Mounting:
+    members = Members(value, path, ("tip_T_module", *_MOUNTING.values(), "covariance", "unobserved"))
+    pose = members.pose("tip_T_module")
+    rows = members.items("covariance")
+    size = len(PARAMETERS)
+    covariance = [read_numbers(row, f"{path}.covariance[{n}]", size) for n, row in enumerate(rows)]
+    unobserved = tuple(read_text(item, f"{path}.unobserved[{n}]") for n, item in enumerate(members.items("unobserved")))
+    with prefix_errors(path):
+        numbers = {name: members.number(member) for name, member in _MOUNTING.items()}
+        return Mounting(pose, **numbers, covariance=np.array(covariance), unobserved=unobserved)
+
+
+def _mounting_to_json(mounting: Mounting) -> dict[str, Any]:
+    pose = mounting.tip_T_module
+    return {
+        "tip_T_module": {"translation": pose.translation.tolist(), "rotation": pose.quaternion.tolist()},
+        **{member: getattr(mounting, name) for name, member in _MOUNTING.items()},
+        "covariance": mounting.covariance.tolist(),
+        "unobserved": list(mounting.unobserved),
+    }
 
 
 def _module_to_json(module: ModuleCalibration) -> dict[str, Any]:
@@ -130,6 +160,8 @@ def _module_to_json(module: ModuleCalibration) -> dict[str, Any]:
         document["span_m"] = list(module.span)
     if module.corrections:
         document["corrections_m"] = [list(pair) for pair in module.corrections]
+    if module.mounting is not None:
+        document["mounting"] = _mounting_to_json(module.mounting)
     return document
 
 

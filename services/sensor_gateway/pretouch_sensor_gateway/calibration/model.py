@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 from pretouch.errors import InvalidInput, Malformed
 from pretouch.geometry import Array
+from pretouch_sensor_gateway.calibration.mounting import Mounting
 
 MAX_MODULES = 256
 MAX_CORRECTIONS = 256
@@ -123,6 +124,7 @@ class ModuleCalibration:
         residual: rms error that the curve leaves between the distances that it was fitted to, m.
         corrections: pairs (distance by offset, scale and crosstalk; what is to be added to it), m, by distance.
         span: the least and the greatest distance that was calibrated, m.
+        mounting: what a sweep told of its place and its cone; None: nothing yet.
 
     Raises:
         Malformed: a value is no finite number.
@@ -137,6 +139,7 @@ class ModuleCalibration:
     residual: float = 0.0
     corrections: tuple[tuple[float, float], ...] = ()
     span: tuple[float, float] = EVERYWHERE
+    mounting: Mounting | None = None
 
     def __post_init__(self) -> None:
         for name, (least, most, unit) in _LIMITS.items():

@@ -1,9 +1,9 @@
 """Where a module sits, how late its ranges are, and how wide it sees: from sweeps over a step that is not known.
 
 One least-squares problem of the tip's poses and the ranges. Unknown are the step (its place, height and brightness),
-the beam's direction and origin in the tip's frame, the ranges' offset and gain, their latency, the cone's half angle and
-how much near parts count for. What no sweep can tell: a turn about the beam; and the origin along the beam, which is the
-same as an offset, so it stays where it was and the offset holds both.
+the beam's direction and origin in the tip's frame, the ranges' offset and gain, their latency, the cone's half angle
+and how much near parts count for. What no sweep can tell: a turn about the beam; and the origin along the beam, which
+is the same as an offset, so it stays where it was and the offset holds both.
 
 The model of the cone is wrong in ways that the ranges share. So the covariance is that of blocks of ranges that follow
 one another (the sandwich, Liang and Zeger, 1986), to which the spread between two shapes of the response is added.
@@ -21,6 +21,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, Pose, rotation_from_vector, rotations_from_vectors, vector_from_rotation
+from pretouch_sensor_gateway.calibration.mounting import MAX_HALF_ANGLE, Mounting
 from pretouch_sensor_gateway.calibration.sweep_scene import Profile, Response, Step, predict_ranges
 
 LEAST_RANGES = 200
@@ -72,11 +73,11 @@ _PRIOR = np.array([parameter.prior for parameter in _PARAMETERS])
 _DECAYS = np.array([parameter.name == "decay" for parameter in _PARAMETERS])
 """Which of them cannot be negative."""
 _STAGES = (0.004, 0.0)
-"""m: standard deviations of the ranges with which the problem is solved, one after the other, to find the right valley."""
+"""m: standard deviations of the ranges with which it is solved, one after the other, to find the right valley."""
 _DIFFERENCE = 0.02
 """Of a standard deviation of what is known before: a step of a derivative."""
 OWN = tuple(parameter.name for parameter in _PARAMETERS if parameter.own)
-"""The parameters of a module, in the order of `SweepFit.covariance`."""
+"""Those of a module: `mounting.PARAMETERS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,35 +95,7 @@ class Sweep:
     ranges: Array
 
 
-@dataclass(frozen=True, eq=False)
-class SweepFit:
-    """What a sweep tells of a module.
-
-    Attributes:
-        tip_T_module: its pose; its turn about the beam and its place along it are those that were given.
-        offset: m to be subtracted from its ranges.
-        gain: by which ranges grow too fast, beside the offset, from 50 mm on.
-        latency: s by which the ranges' times are late.
-        half_angle: rad, where the response is half of that on the axis.
-        decay: 1/m: near parts count for more by exp(-decay * r).
-        covariance: of tilts about x and y (rad) and origin in x and y (m) in the given module's frame, offset (m),
-            latency (s), logarithm of the half angle, decay (1/m) and gain, as in `OWN`.
-        unobserved: those of `OWN` that the sweep does not tell.
-        residual: rms, m, of the ranges about the model, without outliers.
-    """
-
-    tip_T_module: Pose
-    offset: float
-    gain: float
-    latency: float
-    half_angle: float
-    decay: float
-    covariance: Array
-    unobserved: tuple[str, ...]
-    residual: float
-
-
-def fit_sweep(sweep: Sweep, tip_T_module: Pose, range_std: float, half_angle: float) -> SweepFit:
+def fit_sweep(sweep: Sweep, tip_T_module: Pose, range_std: float, half_angle: float) -> tuple[Mounting, float]:
     """Fits a module's mount and response.
 
     Args:
@@ -131,6 +104,9 @@ def fit_sweep(sweep: Sweep, tip_T_module: Pose, range_std: float, half_angle: fl
         tip_T_module: the pose as far as it is known, to a few degrees and 20 mm.
         range_std: of one range, m.
         half_angle: as stated, rad; 0: not known.
+
+    Returns:
+        What was found, and the rms, m, of the ranges about the model, without outliers.
 
     Raises:
         InvalidInput: too few ranges, or no step in them.
@@ -144,17 +120,17 @@ def fit_sweep(sweep: Sweep, tip_T_module: Pose, range_std: float, half_angle: fl
     count = len(OWN)
     std = np.sqrt(np.diag(covariance))[:count]
     values = dict(zip(OWN, best.values[:count].tolist(), strict=True))
-    return SweepFit(
+    unobserved = tuple(name for name, s, p in zip(OWN, std, _PRIOR[:count], strict=True) if s > _UNKNOWN * p)
+    mounting = Mounting(
         problem.mount(best.values),
         values["offset"],
-        values["gain"],
         values["latency"],
-        problem.half_angle * float(np.exp(values["log_half_angle"])),
-        values["decay"],
+        min(problem.half_angle * float(np.exp(values["log_half_angle"])), MAX_HALF_ANGLE),
+        max(values["decay"], 0.0),
         covariance[:count, :count],
-        tuple(name for name, s, p in zip(OWN, std, _PRIOR[:count], strict=True) if s > _UNKNOWN * p),
-        best.residual,
+        unobserved,
     )
+    return mounting, best.residual
 
 
 class _Solution(NamedTuple):

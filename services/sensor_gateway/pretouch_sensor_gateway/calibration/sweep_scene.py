@@ -39,7 +39,7 @@ class Response(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A step: its frame in base, rotation (3, 3) and translation (3,), m; height, m; light of the top by the table's."""
+    """A step: frame in base, rotation (3, 3) and translation (3,), m; height, m; the top's light by the table's."""
 
     rotation: Array
     translation: Array
