@@ -101,6 +101,10 @@ class _RangeFlagEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RangeFlag.V
     """It lies far from the module's last range, and no later one confirms it."""
     RANGE_FLAG_WARMING_UP: _RangeFlag.ValueType  # 2
     """The device started so recently that its calibration does not hold yet."""
+    RANGE_FLAG_BEYOND_CALIBRATION: _RangeFlag.ValueType  # 4
+    """It lies beyond the distances that the module was calibrated at."""
+    RANGE_FLAG_STD_UNKNOWN: _RangeFlag.ValueType  # 8
+    """The module's noise is not known yet: it is not calibrated, and has not sent enough."""
 
 class RangeFlag(_RangeFlag, metaclass=_RangeFlagEnumTypeWrapper):
     """What is doubtful about a range although its status is good. `flags` hold sums of these."""
@@ -110,6 +114,10 @@ RANGE_FLAG_JUMP: RangeFlag.ValueType  # 1
 """It lies far from the module's last range, and no later one confirms it."""
 RANGE_FLAG_WARMING_UP: RangeFlag.ValueType  # 2
 """The device started so recently that its calibration does not hold yet."""
+RANGE_FLAG_BEYOND_CALIBRATION: RangeFlag.ValueType  # 4
+"""It lies beyond the distances that the module was calibrated at."""
+RANGE_FLAG_STD_UNKNOWN: RangeFlag.ValueType  # 8
+"""The module's noise is not known yet: it is not calibrated, and has not sent enough."""
 Global___RangeFlag: _TypeAlias = RangeFlag  # noqa: Y015
 
 @_typing.final
@@ -425,6 +433,7 @@ class GetStatusResponse(_message.Message):
     HOST_CLOCK_JUMPS_FIELD_NUMBER: _builtins.int
     CONFIGURATION_FIELD_NUMBER: _builtins.int
     NOW_FIELD_NUMBER: _builtins.int
+    SENSOR_FIELD_NUMBER: _builtins.int
     UNIT_FIELD_NUMBER: _builtins.int
     RECENT_LINES_FIELD_NUMBER: _builtins.int
     format: _builtins.str
@@ -478,6 +487,12 @@ class GetStatusResponse(_message.Message):
         """Configuration of the device."""
 
     @_builtins.property
+    def sensor(self) -> _common_pb2.Sensor:
+        """What a session's `sensor` may say of this finger, by its calibration and configuration, or its own noise; left out
+        while that is not known.
+        """
+
+    @_builtins.property
     def recent_lines(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """What the device sent last, oldest first: lines in quotes and escaped, or bytes in hexadecimal where it is no text."""
 
@@ -500,14 +515,17 @@ class GetStatusResponse(_message.Message):
         host_clock_jumps: _builtins.int = ...,
         configuration: Global___DeviceConfiguration | None = ...,
         now: _builtins.float = ...,
+        sensor: _common_pb2.Sensor | None = ...,
         unit: _builtins.str = ...,
         recent_lines: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_sensor", b"_sensor", "clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording", "sensor", b"sensor"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "now", b"now", "overrun", b"overrun", "rate", b"rate", "recent_lines", b"recent_lines", "recording", b"recording", "refused", b"refused", "subscribers", b"subscribers", "unit", b"unit", "untimed", b"untimed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_sensor", b"_sensor", "clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "now", b"now", "overrun", b"overrun", "rate", b"rate", "recent_lines", b"recent_lines", "recording", b"recording", "refused", b"refused", "sensor", b"sensor", "subscribers", b"subscribers", "unit", b"unit", "untimed", b"untimed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__sensor: _TypeAlias = _typing.Literal["sensor"]  # noqa: Y015
+    _WhichOneofArgType__sensor: _TypeAlias = _typing.Literal["_sensor", b"_sensor"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__sensor) -> _WhichOneofReturnType__sensor | None: ...
 
 Global___GetStatusResponse: _TypeAlias = GetStatusResponse  # noqa: Y015
 
@@ -522,6 +540,10 @@ class ModuleCalibration(_message.Message):
     CROSSTALK_FIELD_NUMBER: _builtins.int
     STD_FIELD_NUMBER: _builtins.int
     STD_SLOPE_FIELD_NUMBER: _builtins.int
+    RESIDUAL_FIELD_NUMBER: _builtins.int
+    CORRECTIONS_FIELD_NUMBER: _builtins.int
+    SPAN_FIELD_NUMBER: _builtins.int
+    MOUNTING_FIELD_NUMBER: _builtins.int
     offset: _builtins.float
     """Reading at distance zero, in metres."""
     scale: _builtins.float
@@ -529,9 +551,23 @@ class ModuleCalibration(_message.Message):
     crosstalk: _builtins.float
     """Light returned by the cover glass, relative to that of a target at one metre, in 1/m^2."""
     std: _builtins.float
-    """Standard deviation of the range at distance zero, in metres."""
+    """Standard deviation of the range's noise at distance zero, in metres; 0: unknown."""
     std_slope: _builtins.float
     """Increase of the standard deviation per distance, in metres per metre."""
+    residual: _builtins.float
+    """Error that the curve leaves between the distances that it was fitted to, rms, in metres."""
+    @_builtins.property
+    def corrections(self) -> _containers.RepeatedCompositeFieldContainer[Global___RangeCorrection]:
+        """What is added to the distances by offset, scale and crosstalk, in the order of distance; linear in between."""
+
+    @_builtins.property
+    def span(self) -> Global___RangeSpan:
+        """The distances that were calibrated; left out: not known."""
+
+    @_builtins.property
+    def mounting(self) -> Global___Mounting:
+        """What a sweep told of the module's place and its cone; left out: nothing yet."""
+
     def __init__(
         self,
         *,
@@ -540,14 +576,133 @@ class ModuleCalibration(_message.Message):
         crosstalk: _builtins.float = ...,
         std: _builtins.float = ...,
         std_slope: _builtins.float = ...,
+        residual: _builtins.float = ...,
+        corrections: _abc.Iterable[Global___RangeCorrection] | None = ...,
+        span: Global___RangeSpan | None = ...,
+        mounting: Global___Mounting | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_mounting", b"_mounting", "_span", b"_span", "mounting", b"mounting", "span", b"span"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["crosstalk", b"crosstalk", "offset", b"offset", "scale", b"scale", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mounting", b"_mounting", "_span", b"_span", "corrections", b"corrections", "crosstalk", b"crosstalk", "mounting", b"mounting", "offset", b"offset", "residual", b"residual", "scale", b"scale", "span", b"span", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__mounting: _TypeAlias = _typing.Literal["mounting"]  # noqa: Y015
+    _WhichOneofArgType__mounting: _TypeAlias = _typing.Literal["_mounting", b"_mounting"]  # noqa: Y015
+    _WhichOneofReturnType__span: _TypeAlias = _typing.Literal["span"]  # noqa: Y015
+    _WhichOneofArgType__span: _TypeAlias = _typing.Literal["_span", b"_span"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__mounting) -> _WhichOneofReturnType__mounting | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__span) -> _WhichOneofReturnType__span | None: ...
+
+Global___ModuleCalibration: _TypeAlias = ModuleCalibration  # noqa: Y015
+
+@_typing.final
+class Mounting(_message.Message):
+    """What a sweep over a step told of one module."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TIP_T_MODULE_FIELD_NUMBER: _builtins.int
+    OFFSET_FIELD_NUMBER: _builtins.int
+    LATENCY_FIELD_NUMBER: _builtins.int
+    HALF_ANGLE_FIELD_NUMBER: _builtins.int
+    DECAY_FIELD_NUMBER: _builtins.int
+    COVARIANCE_FIELD_NUMBER: _builtins.int
+    UNOBSERVED_FIELD_NUMBER: _builtins.int
+    offset: _builtins.float
+    """By how much ranges are too long and the module's origin lies further along the beam, together, in metres."""
+    latency: _builtins.float
+    """By how much the ranges' times are late, beside what the gateway knows of, in seconds."""
+    half_angle: _builtins.float
+    """Half angle of the cone, where the response is half of that on the axis, in radians."""
+    decay: _builtins.float
+    """Near parts count for more, by exp(-decay * range), in 1/m."""
+    @_builtins.property
+    def tip_t_module(self) -> _common_pb2.Pose:
+        """Pose of the module in the tip frame, z along its beam; its turn about the beam and its place along it are not
+        observed.
+        """
+
+    @_builtins.property
+    def covariance(self) -> _common_pb2.Array:
+        """10 x 10, FLOAT64: covariance of the tilts about x and y (rad), the origin in x and y (m), the offset (m), the
+        latency (s), the logarithm of the half angle, the decay (1/m), the gain, and the logarithm of the sharpness.
+        """
+
+    @_builtins.property
+    def unobserved(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """Names of those parameters that the sweep does not tell."""
+
+    def __init__(
+        self,
+        *,
+        tip_t_module: _common_pb2.Pose | None = ...,
+        offset: _builtins.float = ...,
+        latency: _builtins.float = ...,
+        half_angle: _builtins.float = ...,
+        decay: _builtins.float = ...,
+        covariance: _common_pb2.Array | None = ...,
+        unobserved: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["covariance", b"covariance", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["covariance", b"covariance", "decay", b"decay", "half_angle", b"half_angle", "latency", b"latency", "offset", b"offset", "tip_t_module", b"tip_t_module", "unobserved", b"unobserved"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___ModuleCalibration: _TypeAlias = ModuleCalibration  # noqa: Y015
+Global___Mounting: _TypeAlias = Mounting  # noqa: Y015
+
+@_typing.final
+class RangeCorrection(_message.Message):
+    """A correction of ranges near one distance."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    DISTANCE_FIELD_NUMBER: _builtins.int
+    CORRECTION_FIELD_NUMBER: _builtins.int
+    distance: _builtins.float
+    """Distance by offset, scale and crosstalk, in metres."""
+    correction: _builtins.float
+    """What is added to it, in metres."""
+    def __init__(
+        self,
+        *,
+        distance: _builtins.float = ...,
+        correction: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["correction", b"correction", "distance", b"distance"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RangeCorrection: _TypeAlias = RangeCorrection  # noqa: Y015
+
+@_typing.final
+class RangeSpan(_message.Message):
+    """An interval of ranges."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    START_FIELD_NUMBER: _builtins.int
+    END_FIELD_NUMBER: _builtins.int
+    start: _builtins.float
+    """Least range, in metres."""
+    end: _builtins.float
+    """Greatest range, in metres."""
+    def __init__(
+        self,
+        *,
+        start: _builtins.float = ...,
+        end: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["end", b"end", "start", b"start"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RangeSpan: _TypeAlias = RangeSpan  # noqa: Y015
 
 @_typing.final
 class Calibration(_message.Message):
@@ -558,10 +713,13 @@ class Calibration(_message.Message):
     SERIAL_FIELD_NUMBER: _builtins.int
     WARM_UP_FIELD_NUMBER: _builtins.int
     MODULES_FIELD_NUMBER: _builtins.int
+    BIAS_STD_FIELD_NUMBER: _builtins.int
     serial: _builtins.str
     """Serial number of the board that was calibrated, hexadecimal; empty: not known."""
     warm_up: _builtins.float
     """Time after a board's start in which its ranges are flagged as warming up, in seconds."""
+    bias_std: _builtins.float
+    """Standard deviation of the error that all ranges of a scan share, in metres; left out: not measured."""
     @_builtins.property
     def modules(self) -> _containers.RepeatedCompositeFieldContainer[Global___ModuleCalibration]:
         """Calibration of each module."""
@@ -572,12 +730,15 @@ class Calibration(_message.Message):
         serial: _builtins.str = ...,
         warm_up: _builtins.float = ...,
         modules: _abc.Iterable[Global___ModuleCalibration] | None = ...,
+        bias_std: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_bias_std", b"_bias_std", "bias_std", b"bias_std"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["modules", b"modules", "serial", b"serial", "warm_up", b"warm_up"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_bias_std", b"_bias_std", "bias_std", b"bias_std", "modules", b"modules", "serial", b"serial", "warm_up", b"warm_up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__bias_std: _TypeAlias = _typing.Literal["bias_std"]  # noqa: Y015
+    _WhichOneofArgType__bias_std: _TypeAlias = _typing.Literal["_bias_std", b"_bias_std"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__bias_std) -> _WhichOneofReturnType__bias_std | None: ...
 
 Global___Calibration: _TypeAlias = Calibration  # noqa: Y015
 
@@ -721,6 +882,7 @@ class RangeBatch(_message.Message):
     STATUS_FIELD_NUMBER: _builtins.int
     FLAGS_FIELD_NUMBER: _builtins.int
     LOST_FIELD_NUMBER: _builtins.int
+    STD_FIELD_NUMBER: _builtins.int
     RANGE_STATUS_FIELD_NUMBER: _builtins.int
     time_std: _builtins.float
     """Standard deviation of these times, in seconds; the error is common to all measurements of the batch."""
@@ -755,6 +917,12 @@ class RangeBatch(_message.Message):
         """f x k, UINT8: sums of RangeFlag."""
 
     @_builtins.property
+    def std(self) -> _common_pb2.Array:
+        """f x k, FLOAT32: standard deviation of each range, in metres, calibrated, or of the module's own noise in what it has
+        sent; NaN: not known, or none was returned.
+        """
+
+    @_builtins.property
     def range_status(self) -> _common_pb2.Array:
         """f x k, UINT8: numbers of RangeStatus."""
 
@@ -770,11 +938,12 @@ class RangeBatch(_message.Message):
         status: _common_pb2.Array | None = ...,
         flags: _common_pb2.Array | None = ...,
         lost: _builtins.int = ...,
+        std: _common_pb2.Array | None = ...,
         range_status: _common_pb2.Array | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "std", b"std", "t", b"t"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "std", b"std", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -969,7 +1138,9 @@ class StreamPointsResponse(_message.Message):
 
     @_builtins.property
     def std(self) -> _common_pb2.Array:
-        """n, FLOAT64: standard deviation of each point, in metres, from range noise, time uncertainty and speed; NaN: a miss."""
+        """n, FLOAT64: standard deviation of each point, in metres, from range noise, time uncertainty and speed; NaN: a
+        miss, or the noise is not known yet.
+        """
 
     @_builtins.property
     def flags(self) -> _common_pb2.Array:

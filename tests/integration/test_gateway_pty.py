@@ -257,7 +257,18 @@ async def test_a_slow_subscriber_is_told_its_losses(monkeypatch: pytest.MonkeyPa
 
     def measured(sequence: int) -> RangeBatch:
         row, codes = np.full((1, 6), 0.03), np.zeros((1, 6), dtype=np.uint8)
-        return RangeBatch(np.ones(1), 0.001, np.array([sequence], dtype=np.uint32), 0, row, row, codes, codes, 0)
+        return RangeBatch(
+            np.ones(1),
+            0.001,
+            np.array([sequence], dtype=np.uint32),
+            0,
+            row,
+            row,
+            codes,
+            codes,
+            0,
+            row.astype(np.float32),
+        )
 
     monkeypatch.setattr(Device, "__init__", noted)
     async with gateway(monkeypatch, finger="/dev/absent") as (stub, _):

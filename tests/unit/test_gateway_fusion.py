@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from pretouch_sensor_gateway.fusion import Fusion, fuse_span
 from pretouch_sensor_gateway.history import MAX_MEASUREMENTS, SPAN, History
 from pretouch_sensor_gateway.measurements import Measurements
@@ -30,19 +29,16 @@ def batch(*t: float, ranges: tuple[float, ...] = (0.03,), status: tuple[int, ...
     metres = np.tile(ranges, (len(t), 1))
     codes = np.tile(np.array(status or (0,) * len(ranges), dtype=np.uint8), (len(t), 1))
     sequence = np.arange(len(t), dtype=np.uint32)
-    return RangeBatch(np.array(t), TIME_STD, sequence, 0, metres, metres, codes, np.zeros_like(codes), 0)
+    std = np.full(metres.shape, NOISE, dtype=np.float32)
+    return RangeBatch(np.array(t), TIME_STD, sequence, 0, metres, metres, codes, np.zeros_like(codes), 0, std)
 
 
 def frames(*t: float, ranges: tuple[float, ...] = (0.03,), status: tuple[int, ...] | None = None) -> Measurements:
     return Measurements.from_batch(batch(*t, ranges=ranges, status=status))
 
 
-def noise(ranges: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.full(ranges.shape, NOISE)
-
-
 def fusion_on(path: PosePath, *modules: Pose) -> Fusion:
-    return Fusion(path, modules or (Pose.identity(),), noise)
+    return Fusion(path, modules or (Pose.identity(),))
 
 
 def looking_down(x: float, z: float, turn: float = 0.0) -> Pose:

@@ -226,8 +226,40 @@ def test_another_number_of_modules_than_calibrated_is_refused_with_the_reason() 
     assert "2 modules" in bench.pipeline.problem()
 
 
+def test_an_uncalibrated_modules_noise_is_unknown_until_it_has_sent_enough() -> None:
+    bench, rng = Bench(VirtualFinger(modules=2)), np.random.default_rng(0)
+    bench.run(0.5)
+    bench.batches.clear()
+    for _ in range(120):
+        bench.now = bench.finger.next_due
+        bench.hear(bench.finger.measure(round(0.05 + 0.004 * rng.standard_normal(), 4)))
+    first, last = bench.batches[0], bench.batches[-1]
+    assert np.isnan(first.std).all()
+    assert (first.flags == Flag.STD_UNKNOWN).all()
+    np.testing.assert_allclose(last.std, 0.004, rtol=0.35)
+    assert not (last.flags & Flag.STD_UNKNOWN).any()
+    said = [bool(np.isnan(batch.std).all()) for batch in bench.batches]
+    assert said == sorted(said, reverse=True)
+    assert 10 < sum(said) < 60
+
+
+def test_a_range_beyond_the_calibrated_distances_is_flagged() -> None:
+    module = ModuleCalibration(offset=0.01, std=0.001, span=(0.02, 0.1))
+    bench = Bench(VirtualFinger(modules=1), Calibration(modules=(module,)))
+    bench.run(0.5)
+    bench.batches.clear()
+    for metres in (0.06, 0.06, 0.06, 0.02):
+        bench.now = bench.finger.next_due
+        bench.hear(bench.finger.measure(metres))
+    near, edge = bench.batches[-2], bench.batches[-1]
+    assert not (near.flags & Flag.BEYOND_CALIBRATION).any()
+    assert (edge.flags & Flag.BEYOND_CALIBRATION).all()
+    assert near.std == pytest.approx(0.001)
+    assert edge.std == pytest.approx(np.hypot(0.001, 0.002))
+
+
 def test_an_outlier_is_flagged_and_an_edge_only_once() -> None:
-    bench = Bench()
+    bench = Bench(calibration=Calibration(modules=(ModuleCalibration(std=0.0015),) * 6))
     bench.run(0.5)
     start = len(bench.batches)
     for metres in (0.030, 0.031, 0.085, 0.031, 0.030, 0.060, 0.061, 0.060):

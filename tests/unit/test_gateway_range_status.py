@@ -49,7 +49,17 @@ def test_batches_and_the_status_name_what_became_of_a_range_beside_the_sensors_o
     ranges, status = np.array([[0.03, np.nan, 0.05]]), np.array([[0, 7, 2]], dtype=np.uint8)
     flags = np.array([[Flag.JUMP | Flag.WARMING_UP, 0, 0]], dtype=np.uint8)
     batch = RangeBatch(
-        np.array([1.0]), 0.0, np.zeros(1, np.uint32), 0, ranges, ranges, status, flags, 0, wire_format="binary"
+        np.array([1.0]),
+        0.0,
+        np.zeros(1, np.uint32),
+        0,
+        ranges,
+        ranges,
+        status,
+        flags,
+        0,
+        np.full((1, 3), 0.001, np.float32),
+        "binary",
     )
     message = pb.RangeBatch.FromString(batch.message.SerializeToString())
     assert array_from_proto(message.status, "status").tolist() == status.tolist()

@@ -92,6 +92,7 @@ def made_batches() -> list[RangeBatch]:
                 status=status,
                 flags=(rng.random((count, MODULES)) < 0.1).astype(np.uint8),
                 lost=int(rng.integers(0, 2)),
+                std=np.where(np.isnan(ranges), np.nan, 0.001).astype(np.float32),
             )
         )
         k += count

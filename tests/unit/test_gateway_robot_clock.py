@@ -63,8 +63,8 @@ def poses(*times: float, **members: object) -> pb.StreamPointsRequest:
 def batch(*times: float) -> RangeBatch:
     count = len(times)
     codes = np.zeros((count, 1), dtype=np.uint8)
-    ranges = np.full((count, 1), 0.03)
-    return RangeBatch(np.array(times), 1e-4, np.arange(count, dtype=np.uint32), 0, ranges, ranges, codes, codes, 0)
+    ranges, std = np.full((count, 1), 0.03), np.full((count, 1), 0.001, dtype=np.float32)
+    return RangeBatch(np.array(times), 1e-4, np.arange(count, dtype=np.uint32), 0, ranges, ranges, codes, codes, 0, std)
 
 
 @given(offsets, st.lists(st.tuples(delays, delays, delays), min_size=1, max_size=40))

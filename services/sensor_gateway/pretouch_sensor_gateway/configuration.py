@@ -12,7 +12,7 @@
     calibration = "finger.json"              # what `pretouch gateway calibrate` wrote
     record = true
     no_target = [9999, "no object"]          # what else stands for no range in a text format
-    modules = [                              # tip_T_module of each; default: one module at the tip
+    modules = [                              # tip_T_module of each; default: the calibration's, or one at the tip
         { translation = [0, 0, 0], rotation = [0, 0, 0, 1] },
     ]
     zones = "vl53l5cx-8x8"                   # a multizone sensor: its zones are the modules, and modules its one pose
@@ -172,7 +172,7 @@ def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
             raise InvalidInput("record is neither true nor false.", "Write record = true or leave it out.")
         calibration = load(folder / members.text("calibration"))[0] if "calibration" in members else None
         wire_format = members.text("format") if "format" in members else AUTO
-        tip_T_module, modules = _read_modules(members, wire_format)
+        tip_T_module, modules = _read_modules(members, wire_format, calibration)
         return DeviceSetting(
             name,
             address,
@@ -194,14 +194,23 @@ def _read_no_target(values: list[object]) -> tuple[object, ...]:
     return tuple(values)
 
 
-def _read_modules(members: Members, wire_format: str) -> tuple[tuple[Pose, ...], Modules]:
+def _read_modules(
+    members: Members, wire_format: str, calibration: Calibration | None
+) -> tuple[tuple[Pose, ...], Modules]:
     """The pose of each module in the tip's frame, and what is known of the modules."""
     stated = members.items("modules") if "modules" in members else None
     poses = tuple(read_pose(item, f"modules[{k}]") for k, item in enumerate(stated or ()))
     if "zones" not in members:
-        return poses or (Pose.identity(),), Modules(len(poses) or None)
+        return poses or _find_mounts(calibration), Modules(len(poses) or None)
     if len(poses) > 1:
         raise InvalidInput("A sensor with zones has one pose.", "Give the sensor's pose alone in modules, or none.")
     preset = PRESETS.get(wire_format)
     zones, modules = find_zones(members.text("zones"), printed_mirrored=preset is not None and preset.mirrored)
     return tuple((poses or (Pose.identity(),))[0] @ zone for zone in zones), modules
+
+
+def _find_mounts(calibration: Calibration | None) -> tuple[Pose, ...]:
+    """The modules' poses as a sweep told them, or one module at the tip."""
+    mountings = [] if calibration is None else [module.mounting for module in calibration.modules]
+    known = tuple(mounting.tip_T_module for mounting in mountings if mounting is not None)
+    return known if known and len(known) == len(mountings) else (Pose.identity(),)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -10,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pretouch.errors import InvalidInput
-from pretouch.geometry import Array, Pose
+from pretouch.geometry import Pose
+from pretouch.tof import Sensor
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.recording_pb2 import RecordedTipPoses
 from pretouch.wire.common import pose_from_proto, pose_to_proto
-from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, Calibration
+from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.calibration.proto_conversion import calibration_from_proto, calibration_to_proto
+from pretouch_sensor_gateway.calibration.sensor import describe_sensor
 from pretouch_sensor_gateway.device_statistics import DeviceStatistics, ModuleStatistics
 from pretouch_sensor_gateway.fusion import FusedSamples
 from pretouch_sensor_gateway.history import History
@@ -85,6 +88,7 @@ class Device:
         self._subscriptions: set[SubscriptionQueue] = set()
         self._overrun = 0  # of subscribers that have gone
         self._statistics = DeviceStatistics()
+        self._range_std = float("nan")  # of the newest batch that tells it
         self._record_configuration()
 
     async def run(self) -> None:
@@ -117,6 +121,9 @@ class Device:
         """Passes a batch to the statistics, the history, all subscribers and the recorder."""
         self._statistics.add(batch, time.monotonic())
         self.history.add(batch)
+        known = batch.std[np.isfinite(batch.std)]
+        if len(known):
+            self._range_std = float(np.sqrt(np.mean(np.square(known, dtype=np.float64))))
         for subscription in self._subscriptions:
             subscription.put(batch)
         if self.recorder is not None and self.recorder.on:
@@ -197,11 +204,12 @@ class Device:
             recording=self.recorder is not None and self.recorder.on,
         )
 
-    def std_at(self, ranges: Array) -> Array:
-        """One standard deviation (f, k), m, of ranges (f, k), m."""
-        if self.calibration is None or len(self.calibration.modules) != ranges.shape[1]:
-            return np.asarray(UNCALIBRATED.std_at(ranges))
-        return self.calibration.std_at(ranges)
+    def sensor(self) -> Sensor | None:
+        """What a session may state as its sensor; None while the noise or the rate is not known."""
+        rate = self._statistics.rate(time.monotonic())
+        if not math.isfinite(self._range_std) or rate <= 0:
+            return None
+        return describe_sensor(self.calibration, self.tip_T_module, self._range_std, rate)
 
     def now(self) -> float:
         """The present, Unix time, s, by the clock of the device's batches."""

@@ -44,6 +44,7 @@ class History:
                 batch.range[index],
                 batch.status[index],
                 batch.flags[index],
+                batch.std[index],
             )
             self._count += 1
 
@@ -61,7 +62,7 @@ class History:
         rows = self._rows[: self._count]
         rows = rows[(rows["t"] >= max(start, self._newest() - SPAN)) & (rows["t"] <= end)]
         rows = rows[np.argsort(rows["t"], kind="stable")]
-        measurements = Measurements(rows["t"], rows["time_std"], rows["range"], rows["status"], rows["flags"])
+        measurements = Measurements(*(rows[name] for name in _COLUMNS))
         return measurements, [path.between(start, end) for path in reversed(self._paths)]
 
     def _newest(self) -> float:
@@ -77,6 +78,9 @@ class History:
             self._count = size
 
 
+_COLUMNS = ("t", "time_std", "range", "status", "flags", "std")
+
+
 def _row(modules: int) -> np.dtype[np.void]:
     return np.dtype(
         [
@@ -85,5 +89,6 @@ def _row(modules: int) -> np.dtype[np.void]:
             ("range", "f8", (modules,)),
             ("status", "u1", (modules,)),
             ("flags", "u1", (modules,)),
+            ("std", "f4", (modules,)),
         ]
     )

@@ -62,7 +62,7 @@ class PointStream:
         self._device = device
         self._subscription = subscription
         self._receiver = TipPoseReceiver(device, first)
-        self._fusion = Fusion(self._receiver.path, modules or device.tip_T_module, device.std_at)
+        self._fusion = Fusion(self._receiver.path, modules or device.tip_T_module)
         self._first = first
         self._requests = requests
         self._answer_due = False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from pretouch.wire.common import array_to_proto, samples_to_proto
+from pretouch.wire.common import array_to_proto, samples_to_proto, sensor_to_proto
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.point_stream import FusedBatch
 from pretouch_sensor_gateway.recording.recorder import Recorder
@@ -52,7 +52,7 @@ def device_to_proto(device: Device) -> pb.Device:
 
 def status_to_proto(device: Device) -> pb.GetStatusResponse:
     """A device's status as GetStatus reports it."""
-    status = device.status()
+    status, sensor = device.status(), device.sensor()
     source = status.source
     return pb.GetStatusResponse(
         device=device_to_proto(device),
@@ -89,6 +89,7 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
         host_clock_jumps=source.clock.host_jumps,
         configuration=device.configuration(),
         now=device.now(),
+        sensor=None if sensor is None else sensor_to_proto(sensor),
     )
 
 

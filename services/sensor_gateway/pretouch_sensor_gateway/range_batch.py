@@ -22,6 +22,10 @@ class Flag(IntFlag):
     """It lies far from the module's last range, and no later one has confirmed it."""
     WARMING_UP = pb.RANGE_FLAG_WARMING_UP
     """The device started so recently that its calibration does not hold yet."""
+    BEYOND_CALIBRATION = pb.RANGE_FLAG_BEYOND_CALIBRATION
+    """It lies beyond the distances that the module was calibrated at."""
+    STD_UNKNOWN = pb.RANGE_FLAG_STD_UNKNOWN
+    """The module's noise is not known: it is not calibrated, and has not sent enough yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,8 @@ class RangeBatch:
         status: (f, k) uint8, the modules' status codes; 0 is good.
         flags: (f, k) uint8, of `Flag`.
         lost: measurements missing before the last of these.
+        std: (f, k) float32, m, one standard deviation of each range, by the calibration or the module's own noise; NaN
+            where it is not known, and where there is no range.
         wire_format: of the device: it says what the status codes mean.
     """
 
@@ -50,6 +56,7 @@ class RangeBatch:
     status: NDArray[np.uint8]
     flags: NDArray[np.uint8]
     lost: int
+    std: NDArray[np.float32]
     wire_format: str = ""
 
     @staticmethod
@@ -59,16 +66,18 @@ class RangeBatch:
         Raises:
             PretouchError: an array is not of its stated shape and type.
         """
+        ranges = array_from_proto(message.range, "range")
         batch = RangeBatch(
             t=array_from_proto(message.t, "t"),
             time_std=message.time_std,
             sequence=array_from_proto(message.sequence, "sequence"),
             epoch=message.epoch,
-            range=array_from_proto(message.range, "range"),
+            range=ranges,
             raw=array_from_proto(message.raw, "raw"),
             status=array_from_proto(message.status, "status"),
             flags=array_from_proto(message.flags, "flags"),
             lost=message.lost,
+            std=array_from_proto(message.std, "std") if message.HasField("std") else _unknown(ranges),
         )
         batch.__dict__["message"] = message  # where cached_property looks first
         if message.HasField("range_status"):
@@ -88,6 +97,7 @@ class RangeBatch:
             status=array_to_proto(self.status, "u1"),
             flags=array_to_proto(self.flags, "u1"),
             lost=self.lost,
+            std=array_to_proto(self.std, "f4"),
             range_status=array_to_proto(self.range_status, "u1"),
         )
 
@@ -102,3 +112,8 @@ class RangeBatch:
     @property
     def modules(self) -> int:
         return int(self.range.shape[1])
+
+
+def _unknown(ranges: Array) -> NDArray[np.float32]:
+    """The std of ranges of an old recording."""
+    return np.full(ranges.shape, np.nan, dtype=np.float32)
