@@ -25,6 +25,8 @@ ENOUGH = 4
 """Lines of one kind from which a pattern is inferred."""
 ENOUGH_FOR_TIME = 12
 """Lines of one kind from which a column is told to be a time."""
+_CHARACTERS = 2500
+"""Of the last lines that are looked at, where they are more than are needed: numbers take a while to find."""
 _UNEVENNESS = 4.0
 """Largest step of a time relative to its least: a line may be late, and one or two may be lost."""
 _TIME_STEPS = {"s": (0.0025, 1.0), "ms": (2.5, 1000.0), "us": (2500.0, 1e6)}
@@ -63,7 +65,8 @@ class _Kind:
 def infer(lines: Sequence[str]) -> Inference | None:
     """What the lines seem to be; None if no kind of line with numbers comes often enough."""
     kinds: dict[Template, _Kind] = {}
-    for line in lines:
+    longest = max(map(len, lines), default=1)
+    for line in lines[-max(ENOUGH_FOR_TIME + 1, _CHARACTERS // longest) :]:
         template, values = find_values(line)
         if any(value.kind in ("number", "comma", "word") for value in values):
             kind = kinds.setdefault(template, _Kind([], []))
@@ -324,7 +327,7 @@ def _pattern(kind: _Kind, fields: dict[int, str], header: Sequence[str] = ()) ->
     line, row = kind.lines[-1], kind.rows[-1]
     if header:
         separator = next(mark for mark in (",", ";", "\t") if mark in line)
-        return separator.join(fields.get(k, "{any}") for k in range(len(row))).replace("\t", " ")
+        return separator.join(fields.get(k, "{number}") for k in range(len(row))).replace("\t", " ")
     _, values = find_values(line)
     text = _literal(values[0].label)
     k = 0
@@ -336,11 +339,16 @@ def _pattern(kind: _Kind, fields: dict[int, str], header: Sequence[str] = ()) ->
             and (values[last + 1].continues and "[" in values[k].label)
         ):
             last += 1
-        other = values[k].text if values[k].kind == "index" else "{any}"
+        other = values[k].text if values[k].kind == "index" else _skipped(kind.column(k))
         text += fields.get(k, other).replace("{range:", "{ranges:" if last > k else "{range:")
         text += _literal(values[last].after)
         k = last + 1
-    return re.sub(r"\{any\}(?:[:.-]\{any\})+", "{any}", text.strip())
+    return text.strip()
+
+
+def _skipped(column: Sequence[Value]) -> str:
+    """The field that skips a column."""
+    return "{number}" if all(value.kind == "number" for value in column) else "{any}"
 
 
 def _literal(text: str) -> str:

@@ -31,6 +31,8 @@ _FIELDS = ("time", "range", "ranges", "status", "module", "sequence", "pending",
 _LIST = r"[-+.,;\w \t/]*"
 _STATUS = r"range valid, [\w ]{5,20}|-?\d{1,5}|\(?[A-Za-z][\w /-]{0,40}\)?"
 _TIME_SUFFIX = {"s": r"s|sec", "ms": "ms", "us": "us", "hms": "s"}
+_MOST_SKIPS = 3
+"""`{any}` before the end: a line that almost matches takes time that grows with the power of their number."""
 _EXAMPLE = "Write for instance {time:ms},{range:mm} or Distance: {range:cm}: see docs/reference/wire-formats.md."
 
 
@@ -113,6 +115,10 @@ def compile_pattern(text: str, ranges: RangeText, exact: bool = False) -> LinePa
     for kind in ("time", "ranges", "module", "sequence", "pending"):
         if kinds.count(kind) > 1:
             raise InvalidInput(f"The format {text!r} has {{{kind}}} twice.", _EXAMPLE)
+    if compiler.skips > _MOST_SKIPS:
+        raise InvalidInput(
+            f"The format {text!r} has {{any}} {compiler.skips} times.", "Write {number} for what is always a number."
+        )
     if "ranges" in kinds and ("range" in kinds or any(isinstance(each, Group) for each in compiler.fields)):
         raise InvalidInput(f"The format {text!r} has {{ranges}} beside other ranges.", _EXAMPLE)
     end = r"\s*[,;]?\s*" if "ranges" in kinds else r"\s*"
@@ -120,8 +126,16 @@ def compile_pattern(text: str, ranges: RangeText, exact: bool = False) -> LinePa
 
 
 class _Compiler:
+    """Compiles a pattern and its parts.
+
+    Attributes:
+        fields: so far.
+        skips: `{any}` so far, but for one at the end.
+    """
+
     def __init__(self, whole: str, ranges: RangeText, exact: bool) -> None:
         self.fields: list[Field | Group] = []
+        self.skips = 0
         self._whole = whole
         self._ranges = ranges
         self._exact = exact
@@ -176,8 +190,11 @@ class _Compiler:
         if kind not in _FIELDS:
             known = ", ".join(f"{{{name}}}" for name in _FIELDS)
             raise InvalidInput(f"The format {self._whole!r} has the field {{{kind}}}.", f"Fields are {known}.")
+        if kind == "any" and last:
+            return ".*"
         if kind == "any":
-            return ".*" if last else r"[^,;\t]{0,80}?"
+            self.skips += 1
+            return r"[^,;\t]{0,80}?"
         if kind == "number":
             return rf"(?:{NUMBER}|nan|inf)"
         if kind == "time" and argument not in TIME_UNITS:
@@ -212,6 +229,7 @@ class _Compiler:
             return f"(?:{self.compile(content)})?"
         inner = _Compiler(self._whole, self._ranges, self._exact)
         expression = inner.compile(content)
+        self.skips += inner.skips
         fields = tuple(each for each in inner.fields if isinstance(each, Field))
         if len(fields) < len(inner.fields) or not any(each.kind == "range" for each in fields):
             raise InvalidInput(f"The format {self._whole!r} repeats a part without a range, or twice.", _EXAMPLE)
