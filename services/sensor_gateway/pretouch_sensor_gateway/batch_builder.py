@@ -32,6 +32,11 @@ class BatchBuilder:
         self._jump_detector = JumpDetector()
         self._own_noise = OwnNoise()
 
+    def calibrate(self, calibration: Calibration | None) -> None:
+        """Uses another calibration from now on: earlier ranges tell nothing of its own."""
+        self.calibration = calibration
+        self.restart()
+
     def restart(self) -> None:
         """Forgets earlier ranges: the device restarted."""
         self._jump_detector.restart()

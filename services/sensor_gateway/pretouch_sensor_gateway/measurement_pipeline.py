@@ -114,7 +114,7 @@ class MeasurementPipeline:
 
     def calibrate(self, calibration: Calibration | None) -> None:
         """Calibrates ranges by `calibration` from now on."""
-        self._batch_builder.calibration = calibration
+        self._batch_builder.calibrate(calibration)
 
     def on_port_opened(self, at: float) -> None:
         """The port is open: the handshake starts over, and a half-received message is void."""

@@ -67,9 +67,9 @@ def predict_ranges(base_T_module: Array, step: Step, response: Response) -> Arra
     """
     rays, strength = make_rays(response)
     origins = (base_T_module[:, :3, 3] - step.translation) @ step.rotation
-    ways = np.einsum("ji,njk,lk->nli", step.rotation, base_T_module[:, :3, :3], rays)
+    ways = step.rotation.T @ base_T_module[:, :3, :3] @ rays.T
     x, z = origins[:, 0, None], origins[:, 2, None]
-    across, down = ways[..., 0], np.minimum(ways[..., 2], -1e-3)
+    across, down = ways[:, 0], np.minimum(ways[:, 2], -1e-3)
     table, top = np.maximum(-z / down, 1e-4), np.maximum((step.height - z) / down, 1e-4)
     spacing = _REACH[response.profile.value] * response.half_angle / (_RINGS + 0.5)
     width = np.maximum(top * spacing / 4, 2e-4)
