@@ -13,6 +13,7 @@ from pretouch_sensor_gateway.clock.tick_unwrapper import TickUnwrapper
 
 START = 1000.0
 WRAP = 2**32
+_BYTE_9600 = 10 / 9600
 Delay = Callable[[np.random.Generator], float]
 
 
@@ -28,6 +29,11 @@ def usb(least: float) -> Delay:
 def latency_timer(least: float) -> Delay:
     """A serial converter that holds back what it has for up to 16 ms."""
     return lambda rng: least + rng.uniform(0, 16e-3)
+
+
+def behind_ranges(usual: Delay, busy: float, longest: float) -> Delay:
+    """A board that answers when its line is free: the line is busy for a share of the time, for `longest` s at most."""
+    return lambda rng: usual(rng) + (rng.uniform(0, longest) if rng.random() < busy else 0.0)
 
 
 def hiccups(usual: Delay, share: float = 0.02) -> Delay:
@@ -76,6 +82,11 @@ CASES = {
         hiccups(log_normal(1e-3, 0.5)), hiccups(log_normal(1e-3, 0.5)), Oscillator(5e-3, resolution=4e-6)
     ),
     "RC, 5 %, 500 ppm with temperature": Case(usb(2e-4), usb(4e-4), Oscillator(0.05, swing=5e-4)),
+    "crystal, UART at 9600 baud": Case(  # a ping of 17 bytes, a reply of 15, ranges of 23 bytes at 30 Hz
+        behind_ranges(usb(17 * _BYTE_9600), 30 * 23 * _BYTE_9600, 23 * _BYTE_9600),
+        usb(15 * _BYTE_9600),
+        Oscillator(50e-6),
+    ),
     "crystal counting milliseconds, USB frames": Case(usb(2e-4), usb(4e-4), Oscillator(30e-6, resolution=1e-3)),
 }
 """Delays and oscillators as they are met. Temperature goes up and down once an hour."""

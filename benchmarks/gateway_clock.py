@@ -1,4 +1,4 @@
-"""Prints how good the gateway's clock is on simulated devices, as a table: `python -m benchmarks.gateway_clock`."""
+"""Prints how good the gateway's clocks are on simulated devices, as tables: `python -m benchmarks.gateway_clock`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import numpy as np
 from pretouch_sensor_gateway.clock.ping_clock import PingClock
 
 from benchmarks.clock_devices import CASES, START, Case, FormerClock, ping_device
+from benchmarks.text_devices import TEXT_CASES, TextCase, print_lines
 
 SECONDS = 3600.0
 SILENCE = (1500.0, 2100.0)
 SEEDS = range(3)
+TEXT_SECONDS, WARM, TEXT_SEEDS = 60.0, 10.0, range(40)
+"""Of each board that prints: a run, of which the first seconds do not count, and seeds, each with its own phase."""
 
 
 def figures(case: Case) -> list[float]:
@@ -43,6 +46,25 @@ def figures(case: Case) -> list[float]:
     return [float(value) for value in np.mean(rows, axis=0)]
 
 
+def text_figures(case: TextCase) -> list[float]:
+    """The row of a case: in ms and %, as the table's head says."""
+    errors, stds = [], []
+    for seed in TEXT_SEEDS:
+        error, std = print_lines(case, TEXT_SECONDS, seed)
+        counted = round(WARM * case.rate)
+        errors.append(error[counted:])
+        stds.append(std[counted:])
+    error, std = np.concatenate(errors), np.concatenate(stds)
+    size = np.abs(error)
+    return [
+        float(np.mean(error)) * 1e3,
+        float(np.sqrt(np.mean(error**2))) * 1e3,
+        float(np.sqrt(np.mean(std**2))) * 1e3,
+        float(np.mean(size <= 2 * std)) * 100,
+        float(np.mean(size <= 3 * std)) * 100,
+    ]
+
+
 def costs() -> tuple[float, float]:
     """Processor microseconds of a ping, and of a frame's time."""
     clock, rng = PingClock(), np.random.default_rng(0)
@@ -69,6 +91,12 @@ def main() -> None:
     for name, case in CASES.items():
         values = figures(case)
         print(f"| {name} | " + " | ".join(f"{value:.4g}" for value in values) + " |", flush=True)
+    runs = f"{TEXT_SECONDS:g} s each, {len(TEXT_SEEDS)} seeds, the first {WARM:g} s not counted"
+    print(f"\nBoards that print lines: {runs}. Errors in ms.")
+    print("| board | mean error | rms | rms std | within 2 std, % | 3 std, % |")
+    print("|---|" + "---|" * 5)
+    for name, text_case in TEXT_CASES.items():
+        print(f"| {name} | " + " | ".join(f"{value:.4g}" for value in text_figures(text_case)) + " |", flush=True)
     print("A ping costs {:.0f} us, a frame's time {:.1f} us of a processor.".format(*costs()))
 
 

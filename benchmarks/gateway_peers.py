@@ -142,5 +142,5 @@ def message_size() -> int:
     """Bytes of the gateway's message of one frame."""
     ranges, codes = np.zeros((1, MODULES)), np.zeros((1, MODULES), dtype=np.uint8)
     sequence = np.zeros(1, dtype=np.uint32)
-    batch = RangeBatch(np.ones(1), 1e-4, sequence, 1, ranges, ranges, codes, codes, 0)
+    batch = RangeBatch(np.ones(1), 1e-4, sequence, 1, ranges, ranges, codes, codes, 0, ranges.astype(np.float32))
     return int(pb.StreamRangesResponse(batch=batch.message).ByteSize())

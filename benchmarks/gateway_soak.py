@@ -22,8 +22,8 @@ from benchmarks.gateway_worker import Worker
 
 RATE = 30.0
 DEVICES = 8
-_HISTORY_ROW = 8 + 8 + MODULES * (8 + 1 + 1)
-"""Bytes of a frame in the history: time, its sigma, and the range, status and flags of each module."""
+_HISTORY_ROW = 8 + 8 + MODULES * (8 + 1 + 1 + 4)
+"""Bytes of a frame in the history: time, its sigma, and the range, status, flags and std of each module."""
 _FIRST_ROOM = 1024
 _PATIENCE = 30.0
 

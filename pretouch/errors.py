@@ -205,6 +205,10 @@ def unreachable(detail: str) -> Unavailable:
     return error
 
 
+_REASON_LOST = "Internal error from Core"
+"""What grpc.aio reports where it writes to a call that the service has just ended, in place of the service's reason."""
+
+
 def from_rpc_error(error: grpc.RpcError) -> PretouchError:
     """The error behind a failed gRPC call: from its problem metadata, else from its status code."""
     metadata = error.trailing_metadata() if hasattr(error, "trailing_metadata") else None
@@ -215,6 +219,11 @@ def from_rpc_error(error: grpc.RpcError) -> PretouchError:
     detail = (error.details() if hasattr(error, "details") else None) or str(error)
     if code in (_C.UNAVAILABLE, _C.CANCELLED):
         return unreachable(detail)
+    if code is _C.INTERNAL and detail == _REASON_LOST:
+        return Unavailable(
+            "The service ended the call while it was still being sent messages.",
+            "Call again: if something in them is wrong, the error then says what.",
+        )
     if code is _C.RESOURCE_EXHAUSTED and "larger than max" not in detail:
         return Overloaded(detail, "Try again shortly.")
     for kind, wire in WIRE.items():

@@ -34,6 +34,7 @@ class Sensor:
         beam_half_angle: half angle of the beam's cone, in radians; 0 is a thin beam.
         rate: measurements of each module per second, in hertz.
         tip_T_module: pose of each module in the tip frame, z along its beam; left out: one module at the tip.
+        range_bias_std: standard deviation of the error that all ranges of one scan share, in metres.
 
     Raises:
         Malformed: a value is not finite.
@@ -46,9 +47,10 @@ class Sensor:
     beam_half_angle: float = 0.0
     rate: float = 30.0
     tip_T_module: tuple[Pose, ...] = field(default_factory=lambda: (Pose.identity(),))
+    range_bias_std: float = 0.0007
 
     def __post_init__(self) -> None:
-        for name in ("range_min", "range_max", "range_std", "beam_half_angle", "rate"):
+        for name in ("range_min", "range_max", "range_std", "beam_half_angle", "rate", "range_bias_std"):
             object.__setattr__(self, name, float(frozen_array(getattr(self, name), (), f"sensor.{name}")))
         checks = {
             "range_min": self.range_min >= 0,
@@ -57,13 +59,14 @@ class Sensor:
             "beam_half_angle": 0 <= self.beam_half_angle < np.pi / 4,
             "rate": 0 < self.rate <= 10_000,
             "tip_T_module": 1 <= len(self.tip_T_module) <= 256,
+            "range_bias_std": 0 <= self.range_bias_std <= 0.1,
         }
         for name, good in checks.items():
             if not good:
                 raise InvalidInput(
                     f"sensor.{name} is {getattr(self, name)!r}.",
                     "Need 0 <= range_min < range_max <= 10 m, 0 < range_std <= 0.1 m, 0 <= beam_half_angle < pi/4 rad, "
-                    "0 < rate <= 10000 Hz, 1 to 256 modules.",
+                    "0 < rate <= 10000 Hz, 1 to 256 modules, 0 <= range_bias_std <= 0.1 m.",
                 )
 
     @property

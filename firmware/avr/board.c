@@ -1,8 +1,8 @@
-/* The reset lines on Arduino pins D2 to D7, and what the EEPROM remembers. */
+/* The reset lines, and what the EEPROM remembers. */
 #include <avr/eeprom.h>
-#include <avr/io.h>
 
 #include "hal.h"
+#include "pins.h"
 
 #define EEPROM_SERIAL ((const void *)0) /* eight bytes; as delivered, all 0xFF: no serial number */
 #define EEPROM_BOOT ((uint16_t *)SERIAL_SIZE)
@@ -10,9 +10,9 @@
 /* Open drain: low or let go, never driven high, because the module's side has 2.8 V. */
 void hal_hold_in_reset(uint8_t module, bool held)
 {
-    const uint8_t pin = (uint8_t)(_BV(PD2) << module);
-    PORTD &= (uint8_t)~pin;
-    DDRD = held ? DDRD | pin : DDRD & (uint8_t)~pin;
+    const uint8_t pin = (uint8_t)(RESET_FIRST << module);
+    RESET_PORT &= (uint8_t)~pin;
+    RESET_DDR = held ? RESET_DDR | pin : RESET_DDR & (uint8_t)~pin;
 }
 
 uint16_t hal_next_boot(void)

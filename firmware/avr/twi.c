@@ -1,18 +1,16 @@
 #include "twi.h"
 
-#include <avr/io.h>
 #include <util/delay.h>
 #include <util/twi.h>
 
 #include "hal.h"
+#include "pins.h"
 
 enum {
     BUS_HZ_DIVIDER = 12, /* 16 MHz / (16 + 2 x 12) = 400 kHz */
     WAIT_LOOPS = 2000,   /* at least a millisecond: forty times a byte's time, so any stretching of the clock fits */
     RELEASE_CLOCKS = 9,
 };
-#define SDA _BV(PC4)
-#define SCL _BV(PC5)
 
 void twi_init(void)
 {
@@ -25,16 +23,16 @@ void twi_init(void)
 static void release_bus(void)
 {
     TWCR = 0;
-    PORTC &= (uint8_t)~(SDA | SCL);
+    BUS_PORT &= (uint8_t)~(SDA | SCL);
     for (uint8_t i = 0; i < RELEASE_CLOCKS; i++) {
-        DDRC |= SCL;
+        BUS_DDR |= SCL;
         _delay_us(2);
-        DDRC &= (uint8_t)~SCL;
+        BUS_DDR &= (uint8_t)~SCL;
         _delay_us(2);
     }
-    DDRC |= SDA;
+    BUS_DDR |= SDA;
     _delay_us(2);
-    DDRC &= (uint8_t)~SDA;
+    BUS_DDR &= (uint8_t)~SDA;
     twi_init();
 }
 

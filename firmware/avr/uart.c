@@ -1,11 +1,11 @@
 #include "uart.h"
 
 #include <avr/interrupt.h>
-#include <avr/io.h>
 #include <string.h>
 #include <util/atomic.h>
 
 #include "hal.h"
+#include "pins.h"
 
 enum {
     BAUD_DIVIDER = 16,    /* 16 MHz / (8 x (16 + 1)) = 117,647 baud: 2.1 % fast, as every 16 MHz Arduino at 115200 */
@@ -21,15 +21,15 @@ static volatile uint8_t received_out;
 
 void uart_init(void)
 {
-    UCSR0A = _BV(U2X0);
-    UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
-    UBRR0 = BAUD_DIVIDER;
-    UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
+    UART_A = UART_DOUBLE_SPEED;
+    UART_C = UART_8_BITS;
+    UART_BAUD = BAUD_DIVIDER;
+    UART_B = UART_RECEIVE | UART_SEND;
 }
 
-ISR(USART_RX_vect)
+ISR(UART_RX_vect)
 {
-    const uint8_t byte = UDR0;
+    const uint8_t byte = UART_DATA;
     const uint8_t next = (received_in + 1) & (RECEIVED_SIZE - 1);
     if (next != received_out) { /* else lost: the checksum of its frame will tell */
         received[received_in] = byte;
@@ -37,18 +37,18 @@ ISR(USART_RX_vect)
     }
 }
 
-ISR(USART_UDRE_vect)
+ISR(UART_EMPTY_vect)
 {
-    UDR0 = sending[sent_count++];
-    UCSR0A = _BV(U2X0) | _BV(TXC0); /* clears "transmission complete" */
+    UART_DATA = sending[sent_count++];
+    UART_A = UART_DOUBLE_SPEED | UART_SENT; /* clears "transmission complete" */
     if (sent_count == sending_count) {
-        UCSR0B &= (uint8_t)~_BV(UDRIE0);
+        UART_B &= (uint8_t)~UART_EMPTY_INTERRUPT;
     }
 }
 
 bool hal_uart_idle(void)
 {
-    return sending_count == 0 || (sent_count == sending_count && (UCSR0A & _BV(TXC0)));
+    return sending_count == 0 || (sent_count == sending_count && (UART_A & UART_SENT));
 }
 
 void hal_uart_send(const uint8_t *data, uint8_t count)
@@ -58,7 +58,7 @@ void hal_uart_send(const uint8_t *data, uint8_t count)
     sent_count = 0;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) /* also keeps the compiler from filling the buffer later */
     {
-        UCSR0B |= _BV(UDRIE0);
+        UART_B |= UART_EMPTY_INTERRUPT;
     }
 }
 

@@ -13,6 +13,9 @@ void bus_power_up(struct bus *bus, uint64_t now_us)
 bool bus_address(struct bus *bus, uint8_t address, bool reading, uint64_t now_us)
 {
     bus->selected = 0;
+    if (bus->stuck_clocks != 0) {
+        return false;
+    }
     for (int k = 0; k < MODULES; k++) {
         if (chip_answers(&bus->chips[k], address, now_us)) {
             bus->collisions += bus->selected != 0;
@@ -39,6 +42,11 @@ void bus_write(struct bus *bus, uint8_t value, uint64_t now_us)
     if (bus->index_bytes < 2) {
         bus->index_bytes++;
     }
+}
+
+void bus_clock(struct bus *bus)
+{
+    bus->stuck_clocks -= bus->stuck_clocks != 0;
 }
 
 uint8_t bus_read(struct bus *bus, uint64_t now_us)

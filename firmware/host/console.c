@@ -88,6 +88,11 @@ static void obey(const char *line)
     } else if (strcmp(command, "reboot") == 0) {
         device_reset();
         printf("{}\n");
+    } else if (strcmp(command, "stick") == 0 && words == 2 && module >= 0) {
+        bench_bus.stuck_clocks = (uint32_t)module;
+        printf("{}\n");
+    } else if (strcmp(command, "freeze") == 0 && device_freeze()) {
+        printf("{}\n");
     } else if (strcmp(command, "run") == 0 && !line_has_port()) {
         answer_run(rest);
     } else if (strcmp(command, "receive") == 0 && !line_has_port()) {

@@ -10,6 +10,8 @@ enum {
     STEP_NS = 20000,
     BUS_BYTE_NS = 22500, /* nine bits at 400 kHz */
     BUS_CONDITIONS_NS = 5000,
+    GIVE_UP_NS = 1000000,
+    RELEASE_CLOCKS = 9,
 };
 #define CLOCK_START_US (UINT32_MAX - 2000000u) /* it wraps two seconds after power-up, so that every user sees it */
 
@@ -46,6 +48,11 @@ void device_reset(void)
     finger_boot(&finger);
 }
 
+bool device_freeze(void)
+{
+    return false;
+}
+
 void device_advance(uint64_t until_us)
 {
     while (device_now() < until_us) {
@@ -58,8 +65,21 @@ void device_advance(uint64_t until_us)
     }
 }
 
+/* Gives up after a millisecond, and clocks the bus, as the boards do. */
+static void release_bus(void)
+{
+    now_ns += GIVE_UP_NS;
+    for (int i = 0; i < RELEASE_CLOCKS; i++) {
+        bus_clock(&bench_bus);
+    }
+}
+
 static bool addressed(uint8_t address, bool reading)
 {
+    if (bench_bus.stuck_clocks != 0) {
+        release_bus();
+        return false;
+    }
     now_ns += BUS_CONDITIONS_NS + BUS_BYTE_NS;
     return bus_address(&bench_bus, address, reading, device_now());
 }

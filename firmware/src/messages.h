@@ -2,6 +2,7 @@
 #ifndef MESSAGES_H
 #define MESSAGES_H
 
+#include <assert.h>
 #include <stdint.h>
 
 #include "hal.h"
@@ -35,8 +36,8 @@ enum {
     FRAME_OVERHEAD = CRC_SIZE + 2, /* the code byte of COBS and the zero that ends it */
     FRAME_MAX = MESSAGE_MAX + FRAME_OVERHEAD,
 };
-_Static_assert(RANGES_SIZE <= MESSAGE_MAX, "ranges are not the longest message");
-_Static_assert(FRAME_MAX <= UART_SEND_MAX, "the longest frame is sent in one piece");
+static_assert(RANGES_SIZE <= MESSAGE_MAX, "ranges are not the longest message");
+static_assert(FRAME_MAX <= UART_SEND_MAX, "the longest frame is sent in one piece");
 
 /* Each writes a frame of at most FRAME_MAX bytes with the zero that ends it, and returns its length. */
 uint8_t ranges_frame(uint8_t *frame, uint16_t boot, uint32_t sequence, uint32_t micros,

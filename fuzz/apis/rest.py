@@ -15,7 +15,7 @@ from schemathesis.checks import CHECKS, load_all_checks, response_schema_conform
 from schemathesis.transport.serialization import Binary
 
 from fuzz.apis.counts import Counts
-from fuzz.apis.seeds import OpenSession, find, small_request
+from fuzz.apis.seeds import DEVICE, OpenSession, find, small_request
 from pretouch.client import RestClient
 from pretouch.client.images import encode_depth, encode_mask
 from pretouch.errors import PretouchError
@@ -25,6 +25,7 @@ _TIMEOUT = 60.0
 _EXAMPLES = 15
 Case = schemathesis.Case[Any]
 load_all_checks()
+schemathesis.serializer.alias("application/x-ndjson", "text/plain")
 _LEFT_OUT = {"ignored_auth", "positive_data_acceptance", "negative_data_rejection", "missing_required_header"}
 _CHECKS: list[Any] = [
     check for check in (CHECKS.get_one(name) for name in CHECKS.get_all_names()) if check.__name__ not in _LEFT_OUT
@@ -71,6 +72,8 @@ class _Sender:
             case.path_parameters |= {"session_id": session.id, "scan_id": plan.scan_id}
         elif "session_id" in case.path_parameters:
             case.path_parameters["session_id"] = self._find_ended()
+        elif "name" in case.path_parameters and not case.path.endswith("/ranges"):  # which has no end
+            case.path_parameters["name"] = DEVICE
         elif isinstance(case.body, dict) and "depth" in case.body:
             asked, depth, mask = small_request()
             case.body["depth"], case.body["mask"] = Binary(encode_depth(depth)[0]), Binary(encode_mask(mask)[0])

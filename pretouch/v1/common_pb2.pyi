@@ -315,6 +315,7 @@ class Sensor(_message.Message):
     BEAM_HALF_ANGLE_FIELD_NUMBER: _builtins.int
     RATE_FIELD_NUMBER: _builtins.int
     TIP_T_MODULE_FIELD_NUMBER: _builtins.int
+    RANGE_BIAS_STD_FIELD_NUMBER: _builtins.int
     range_min: _builtins.float
     """Shortest range along the beam, in metres. Left out: 0.01."""
     range_max: _builtins.float
@@ -325,6 +326,8 @@ class Sensor(_message.Message):
     """Half angle of the beam's cone, in radians; 0 is a thin beam. Left out: 0."""
     rate: _builtins.float
     """Measurements of each module per second, in hertz. Left out: 30."""
+    range_bias_std: _builtins.float
+    """Standard deviation of the error that all ranges of one scan share, in metres. Left out: 0.0007."""
     @_builtins.property
     def tip_t_module(self) -> _containers.RepeatedCompositeFieldContainer[Global___Pose]:
         """Pose of each module in the tip frame, z along its beam; left out: one module at the tip."""
@@ -338,13 +341,16 @@ class Sensor(_message.Message):
         beam_half_angle: _builtins.float | None = ...,
         rate: _builtins.float | None = ...,
         tip_t_module: _abc.Iterable[Global___Pose] | None = ...,
+        range_bias_std: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_beam_half_angle", b"_beam_half_angle", "_range_max", b"_range_max", "_range_min", b"_range_min", "_range_std", b"_range_std", "_rate", b"_rate", "beam_half_angle", b"beam_half_angle", "range_max", b"range_max", "range_min", b"range_min", "range_std", b"range_std", "rate", b"rate"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_beam_half_angle", b"_beam_half_angle", "_range_bias_std", b"_range_bias_std", "_range_max", b"_range_max", "_range_min", b"_range_min", "_range_std", b"_range_std", "_rate", b"_rate", "beam_half_angle", b"beam_half_angle", "range_bias_std", b"range_bias_std", "range_max", b"range_max", "range_min", b"range_min", "range_std", b"range_std", "rate", b"rate"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_beam_half_angle", b"_beam_half_angle", "_range_max", b"_range_max", "_range_min", b"_range_min", "_range_std", b"_range_std", "_rate", b"_rate", "beam_half_angle", b"beam_half_angle", "range_max", b"range_max", "range_min", b"range_min", "range_std", b"range_std", "rate", b"rate", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_beam_half_angle", b"_beam_half_angle", "_range_bias_std", b"_range_bias_std", "_range_max", b"_range_max", "_range_min", b"_range_min", "_range_std", b"_range_std", "_rate", b"_rate", "beam_half_angle", b"beam_half_angle", "range_bias_std", b"range_bias_std", "range_max", b"range_max", "range_min", b"range_min", "range_std", b"range_std", "rate", b"rate", "tip_t_module", b"tip_t_module"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__beam_half_angle: _TypeAlias = _typing.Literal["beam_half_angle"]  # noqa: Y015
     _WhichOneofArgType__beam_half_angle: _TypeAlias = _typing.Literal["_beam_half_angle", b"_beam_half_angle"]  # noqa: Y015
+    _WhichOneofReturnType__range_bias_std: _TypeAlias = _typing.Literal["range_bias_std"]  # noqa: Y015
+    _WhichOneofArgType__range_bias_std: _TypeAlias = _typing.Literal["_range_bias_std", b"_range_bias_std"]  # noqa: Y015
     _WhichOneofReturnType__range_max: _TypeAlias = _typing.Literal["range_max"]  # noqa: Y015
     _WhichOneofArgType__range_max: _TypeAlias = _typing.Literal["_range_max", b"_range_max"]  # noqa: Y015
     _WhichOneofReturnType__range_min: _TypeAlias = _typing.Literal["range_min"]  # noqa: Y015
@@ -355,6 +361,8 @@ class Sensor(_message.Message):
     _WhichOneofArgType__rate: _TypeAlias = _typing.Literal["_rate", b"_rate"]  # noqa: Y015
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__beam_half_angle) -> _WhichOneofReturnType__beam_half_angle | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__range_bias_std) -> _WhichOneofReturnType__range_bias_std | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__range_max) -> _WhichOneofReturnType__range_max | None: ...
     @_typing.overload

@@ -56,6 +56,70 @@ DEVICE_STATE_ENDED: DeviceState.ValueType  # 4
 """A recording was replayed to its end."""
 Global___DeviceState: _TypeAlias = DeviceState  # noqa: Y015
 
+class _RangeStatus:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RangeStatusEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RangeStatus.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    RANGE_STATUS_UNSPECIFIED: _RangeStatus.ValueType  # 0
+    RANGE_STATUS_GOOD: _RangeStatus.ValueType  # 1
+    """There is a range."""
+    RANGE_STATUS_NO_TARGET: _RangeStatus.ValueType  # 2
+    """Nothing was met within the sensor's reach."""
+    RANGE_STATUS_REJECTED: _RangeStatus.ValueType  # 3
+    """The sensor doubts what it measured: noise, a weak signal, a range that it cannot tell from another."""
+    RANGE_STATUS_FAILED: _RangeStatus.ValueType  # 4
+    """The sensor failed."""
+    RANGE_STATUS_NO_ANSWER: _RangeStatus.ValueType  # 5
+    """The module does not answer its board."""
+
+class RangeStatus(_RangeStatus, metaclass=_RangeStatusEnumTypeWrapper):
+    """What became of a measurement, whatever the sensor: its own status code is beside it."""
+
+RANGE_STATUS_UNSPECIFIED: RangeStatus.ValueType  # 0
+RANGE_STATUS_GOOD: RangeStatus.ValueType  # 1
+"""There is a range."""
+RANGE_STATUS_NO_TARGET: RangeStatus.ValueType  # 2
+"""Nothing was met within the sensor's reach."""
+RANGE_STATUS_REJECTED: RangeStatus.ValueType  # 3
+"""The sensor doubts what it measured: noise, a weak signal, a range that it cannot tell from another."""
+RANGE_STATUS_FAILED: RangeStatus.ValueType  # 4
+"""The sensor failed."""
+RANGE_STATUS_NO_ANSWER: RangeStatus.ValueType  # 5
+"""The module does not answer its board."""
+Global___RangeStatus: _TypeAlias = RangeStatus  # noqa: Y015
+
+class _RangeFlag:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RangeFlagEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RangeFlag.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    RANGE_FLAG_UNSPECIFIED: _RangeFlag.ValueType  # 0
+    RANGE_FLAG_JUMP: _RangeFlag.ValueType  # 1
+    """It lies far from the module's last range, and no later one confirms it."""
+    RANGE_FLAG_WARMING_UP: _RangeFlag.ValueType  # 2
+    """The device started so recently that its calibration does not hold yet."""
+    RANGE_FLAG_BEYOND_CALIBRATION: _RangeFlag.ValueType  # 4
+    """It lies beyond the distances that the module was calibrated at."""
+    RANGE_FLAG_STD_UNKNOWN: _RangeFlag.ValueType  # 8
+    """The module's noise is not known yet: it is not calibrated, and has not sent enough."""
+
+class RangeFlag(_RangeFlag, metaclass=_RangeFlagEnumTypeWrapper):
+    """What is doubtful about a range although its status is good. `flags` hold sums of these."""
+
+RANGE_FLAG_UNSPECIFIED: RangeFlag.ValueType  # 0
+RANGE_FLAG_JUMP: RangeFlag.ValueType  # 1
+"""It lies far from the module's last range, and no later one confirms it."""
+RANGE_FLAG_WARMING_UP: RangeFlag.ValueType  # 2
+"""The device started so recently that its calibration does not hold yet."""
+RANGE_FLAG_BEYOND_CALIBRATION: RangeFlag.ValueType  # 4
+"""It lies beyond the distances that the module was calibrated at."""
+RANGE_FLAG_STD_UNKNOWN: RangeFlag.ValueType  # 8
+"""The module's noise is not known yet: it is not calibrated, and has not sent enough."""
+Global___RangeFlag: _TypeAlias = RangeFlag  # noqa: Y015
+
 @_typing.final
 class ListDevicesRequest(_message.Message):
     """No parameters."""
@@ -175,6 +239,7 @@ class ClockStatus(_message.Message):
     DRIFT_FIELD_NUMBER: _builtins.int
     STD_FIELD_NUMBER: _builtins.int
     ROUND_TRIP_FIELD_NUMBER: _builtins.int
+    LATENCY_FIELD_NUMBER: _builtins.int
     synchronised: _builtins.bool
     """Whether the device's clock is synchronised; until then no measurement is passed on."""
     drift: _builtins.float
@@ -183,6 +248,10 @@ class ClockStatus(_message.Message):
     """Standard deviation of a measurement's time, in seconds."""
     round_trip: _builtins.float
     """Shortest round trip of the recent pings, in seconds; 0 for a device that answers none."""
+    latency: _builtins.float
+    """Time from a measurement to the time in its frame or to the begin of its line, in seconds, that its time allows for:
+    as configured; left out there, it is half a period for lines of text and 0 for a device that answers pings.
+    """
     def __init__(
         self,
         *,
@@ -190,10 +259,11 @@ class ClockStatus(_message.Message):
         drift: _builtins.float = ...,
         std: _builtins.float = ...,
         round_trip: _builtins.float = ...,
+        latency: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift", "round_trip", b"round_trip", "std", b"std", "synchronised", b"synchronised"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift", "latency", b"latency", "round_trip", b"round_trip", "std", b"std", "synchronised", b"synchronised"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -210,16 +280,19 @@ class ModuleStatus(_message.Message):
     MEASUREMENTS_FIELD_NUMBER: _builtins.int
     RETURNS_FIELD_NUMBER: _builtins.int
     JUMPS_FIELD_NUMBER: _builtins.int
+    RANGE_STATUS_FIELD_NUMBER: _builtins.int
     range: _builtins.float
     """Last range along the module's beam, in metres, calibrated; NaN: none."""
     status: _builtins.int
-    """Last status code; 0 is good."""
+    """The sensor's own last status code; 0 is good."""
     measurements: _builtins.int
     """Number of measurements of the module."""
     returns: _builtins.int
     """Number of those with a range."""
     jumps: _builtins.int
     """Number of those whose range was flagged as a jump."""
+    range_status: Global___RangeStatus.ValueType
+    """What the last status code means."""
     def __init__(
         self,
         *,
@@ -228,10 +301,11 @@ class ModuleStatus(_message.Message):
         measurements: _builtins.int = ...,
         returns: _builtins.int = ...,
         jumps: _builtins.int = ...,
+        range_status: Global___RangeStatus.ValueType = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["jumps", b"jumps", "measurements", b"measurements", "range", b"range", "returns", b"returns", "status", b"status"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["jumps", b"jumps", "measurements", b"measurements", "range", b"range", "range_status", b"range_status", "returns", b"returns", "status", b"status"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -358,8 +432,12 @@ class GetStatusResponse(_message.Message):
     OVERRUN_FIELD_NUMBER: _builtins.int
     HOST_CLOCK_JUMPS_FIELD_NUMBER: _builtins.int
     CONFIGURATION_FIELD_NUMBER: _builtins.int
+    NOW_FIELD_NUMBER: _builtins.int
+    SENSOR_FIELD_NUMBER: _builtins.int
+    UNIT_FIELD_NUMBER: _builtins.int
+    RECENT_LINES_FIELD_NUMBER: _builtins.int
     format: _builtins.str
-    """Name of the wire format; empty while it is not recognised."""
+    """Name or pattern of the wire format; empty while it is not recognised."""
     epoch: _builtins.int
     """Boot session: number of restarts of the board that were seen."""
     connections: _builtins.int
@@ -374,6 +452,12 @@ class GetStatusResponse(_message.Message):
     """Number of measurements that slow subscribers lost, all subscribers together."""
     host_clock_jumps: _builtins.int
     """Number of jumps of the host's clock that were seen."""
+    now: _builtins.float
+    """The present by the clock of the gateway's host, in seconds since the Unix epoch; of a recording: the time of the last
+    measurement that was replayed.
+    """
+    unit: _builtins.str
+    """Unit in which the device sends ranges: mm, cm or m; empty while that is not known."""
     @_builtins.property
     def device(self) -> Global___Device:
         """The device as in ListDevices."""
@@ -402,6 +486,16 @@ class GetStatusResponse(_message.Message):
     def configuration(self) -> Global___DeviceConfiguration:
         """Configuration of the device."""
 
+    @_builtins.property
+    def sensor(self) -> _common_pb2.Sensor:
+        """What a session's `sensor` may say of this finger, by its calibration and configuration, or its own noise; left out
+        while that is not known.
+        """
+
+    @_builtins.property
+    def recent_lines(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """What the device sent last, oldest first: lines in quotes and escaped, or bytes in hexadecimal where it is no text."""
+
     def __init__(
         self,
         *,
@@ -420,12 +514,18 @@ class GetStatusResponse(_message.Message):
         overrun: _builtins.int = ...,
         host_clock_jumps: _builtins.int = ...,
         configuration: Global___DeviceConfiguration | None = ...,
+        now: _builtins.float = ...,
+        sensor: _common_pb2.Sensor | None = ...,
+        unit: _builtins.str = ...,
+        recent_lines: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_sensor", b"_sensor", "clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording", "sensor", b"sensor"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "overrun", b"overrun", "rate", b"rate", "recording", b"recording", "refused", b"refused", "subscribers", b"subscribers", "untimed", b"untimed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_sensor", b"_sensor", "clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "now", b"now", "overrun", b"overrun", "rate", b"rate", "recent_lines", b"recent_lines", "recording", b"recording", "refused", b"refused", "sensor", b"sensor", "subscribers", b"subscribers", "unit", b"unit", "untimed", b"untimed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__sensor: _TypeAlias = _typing.Literal["sensor"]  # noqa: Y015
+    _WhichOneofArgType__sensor: _TypeAlias = _typing.Literal["_sensor", b"_sensor"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__sensor) -> _WhichOneofReturnType__sensor | None: ...
 
 Global___GetStatusResponse: _TypeAlias = GetStatusResponse  # noqa: Y015
 
@@ -440,6 +540,10 @@ class ModuleCalibration(_message.Message):
     CROSSTALK_FIELD_NUMBER: _builtins.int
     STD_FIELD_NUMBER: _builtins.int
     STD_SLOPE_FIELD_NUMBER: _builtins.int
+    RESIDUAL_FIELD_NUMBER: _builtins.int
+    CORRECTIONS_FIELD_NUMBER: _builtins.int
+    SPAN_FIELD_NUMBER: _builtins.int
+    MOUNTING_FIELD_NUMBER: _builtins.int
     offset: _builtins.float
     """Reading at distance zero, in metres."""
     scale: _builtins.float
@@ -447,9 +551,23 @@ class ModuleCalibration(_message.Message):
     crosstalk: _builtins.float
     """Light returned by the cover glass, relative to that of a target at one metre, in 1/m^2."""
     std: _builtins.float
-    """Standard deviation of the range at distance zero, in metres."""
+    """Standard deviation of the range's noise at distance zero, in metres; 0: unknown."""
     std_slope: _builtins.float
     """Increase of the standard deviation per distance, in metres per metre."""
+    residual: _builtins.float
+    """Error that the curve leaves between the distances that it was fitted to, rms, in metres."""
+    @_builtins.property
+    def corrections(self) -> _containers.RepeatedCompositeFieldContainer[Global___RangeCorrection]:
+        """What is added to the distances by offset, scale and crosstalk, in the order of distance; linear in between."""
+
+    @_builtins.property
+    def span(self) -> Global___RangeSpan:
+        """The distances that were calibrated; left out: not known."""
+
+    @_builtins.property
+    def mounting(self) -> Global___Mounting:
+        """What a sweep told of the module's place and its cone; left out: nothing yet."""
+
     def __init__(
         self,
         *,
@@ -458,14 +576,133 @@ class ModuleCalibration(_message.Message):
         crosstalk: _builtins.float = ...,
         std: _builtins.float = ...,
         std_slope: _builtins.float = ...,
+        residual: _builtins.float = ...,
+        corrections: _abc.Iterable[Global___RangeCorrection] | None = ...,
+        span: Global___RangeSpan | None = ...,
+        mounting: Global___Mounting | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_mounting", b"_mounting", "_span", b"_span", "mounting", b"mounting", "span", b"span"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["crosstalk", b"crosstalk", "offset", b"offset", "scale", b"scale", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mounting", b"_mounting", "_span", b"_span", "corrections", b"corrections", "crosstalk", b"crosstalk", "mounting", b"mounting", "offset", b"offset", "residual", b"residual", "scale", b"scale", "span", b"span", "std", b"std", "std_slope", b"std_slope"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__mounting: _TypeAlias = _typing.Literal["mounting"]  # noqa: Y015
+    _WhichOneofArgType__mounting: _TypeAlias = _typing.Literal["_mounting", b"_mounting"]  # noqa: Y015
+    _WhichOneofReturnType__span: _TypeAlias = _typing.Literal["span"]  # noqa: Y015
+    _WhichOneofArgType__span: _TypeAlias = _typing.Literal["_span", b"_span"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__mounting) -> _WhichOneofReturnType__mounting | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__span) -> _WhichOneofReturnType__span | None: ...
+
+Global___ModuleCalibration: _TypeAlias = ModuleCalibration  # noqa: Y015
+
+@_typing.final
+class Mounting(_message.Message):
+    """What a sweep over a step told of one module."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TIP_T_MODULE_FIELD_NUMBER: _builtins.int
+    OFFSET_FIELD_NUMBER: _builtins.int
+    LATENCY_FIELD_NUMBER: _builtins.int
+    HALF_ANGLE_FIELD_NUMBER: _builtins.int
+    DECAY_FIELD_NUMBER: _builtins.int
+    COVARIANCE_FIELD_NUMBER: _builtins.int
+    UNOBSERVED_FIELD_NUMBER: _builtins.int
+    offset: _builtins.float
+    """By how much ranges are too long and the module's origin lies further along the beam, together, in metres."""
+    latency: _builtins.float
+    """By how much the ranges' times are late, beside what the gateway knows of, in seconds."""
+    half_angle: _builtins.float
+    """Half angle of the cone, where the response is half of that on the axis, in radians."""
+    decay: _builtins.float
+    """Near parts count for more, by exp(-decay * range), in 1/m."""
+    @_builtins.property
+    def tip_t_module(self) -> _common_pb2.Pose:
+        """Pose of the module in the tip frame, z along its beam; its turn about the beam and its place along it are not
+        observed.
+        """
+
+    @_builtins.property
+    def covariance(self) -> _common_pb2.Array:
+        """10 x 10, FLOAT64: covariance of the tilts about x and y (rad), the origin in x and y (m), the offset (m), the
+        latency (s), the logarithm of the half angle, the decay (1/m), the gain, and the logarithm of the sharpness.
+        """
+
+    @_builtins.property
+    def unobserved(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """Names of those parameters that the sweep does not tell."""
+
+    def __init__(
+        self,
+        *,
+        tip_t_module: _common_pb2.Pose | None = ...,
+        offset: _builtins.float = ...,
+        latency: _builtins.float = ...,
+        half_angle: _builtins.float = ...,
+        decay: _builtins.float = ...,
+        covariance: _common_pb2.Array | None = ...,
+        unobserved: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["covariance", b"covariance", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["covariance", b"covariance", "decay", b"decay", "half_angle", b"half_angle", "latency", b"latency", "offset", b"offset", "tip_t_module", b"tip_t_module", "unobserved", b"unobserved"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___ModuleCalibration: _TypeAlias = ModuleCalibration  # noqa: Y015
+Global___Mounting: _TypeAlias = Mounting  # noqa: Y015
+
+@_typing.final
+class RangeCorrection(_message.Message):
+    """A correction of ranges near one distance."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    DISTANCE_FIELD_NUMBER: _builtins.int
+    CORRECTION_FIELD_NUMBER: _builtins.int
+    distance: _builtins.float
+    """Distance by offset, scale and crosstalk, in metres."""
+    correction: _builtins.float
+    """What is added to it, in metres."""
+    def __init__(
+        self,
+        *,
+        distance: _builtins.float = ...,
+        correction: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["correction", b"correction", "distance", b"distance"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RangeCorrection: _TypeAlias = RangeCorrection  # noqa: Y015
+
+@_typing.final
+class RangeSpan(_message.Message):
+    """An interval of ranges."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    START_FIELD_NUMBER: _builtins.int
+    END_FIELD_NUMBER: _builtins.int
+    start: _builtins.float
+    """Least range, in metres."""
+    end: _builtins.float
+    """Greatest range, in metres."""
+    def __init__(
+        self,
+        *,
+        start: _builtins.float = ...,
+        end: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["end", b"end", "start", b"start"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RangeSpan: _TypeAlias = RangeSpan  # noqa: Y015
 
 @_typing.final
 class Calibration(_message.Message):
@@ -476,10 +713,13 @@ class Calibration(_message.Message):
     SERIAL_FIELD_NUMBER: _builtins.int
     WARM_UP_FIELD_NUMBER: _builtins.int
     MODULES_FIELD_NUMBER: _builtins.int
+    BIAS_STD_FIELD_NUMBER: _builtins.int
     serial: _builtins.str
     """Serial number of the board that was calibrated, hexadecimal; empty: not known."""
     warm_up: _builtins.float
     """Time after a board's start in which its ranges are flagged as warming up, in seconds."""
+    bias_std: _builtins.float
+    """Standard deviation of the error that all ranges of a scan share, in metres; left out: not measured."""
     @_builtins.property
     def modules(self) -> _containers.RepeatedCompositeFieldContainer[Global___ModuleCalibration]:
         """Calibration of each module."""
@@ -490,12 +730,15 @@ class Calibration(_message.Message):
         serial: _builtins.str = ...,
         warm_up: _builtins.float = ...,
         modules: _abc.Iterable[Global___ModuleCalibration] | None = ...,
+        bias_std: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_bias_std", b"_bias_std", "bias_std", b"bias_std"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["modules", b"modules", "serial", b"serial", "warm_up", b"warm_up"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_bias_std", b"_bias_std", "bias_std", b"bias_std", "modules", b"modules", "serial", b"serial", "warm_up", b"warm_up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__bias_std: _TypeAlias = _typing.Literal["bias_std"]  # noqa: Y015
+    _WhichOneofArgType__bias_std: _TypeAlias = _typing.Literal["_bias_std", b"_bias_std"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__bias_std) -> _WhichOneofReturnType__bias_std | None: ...
 
 Global___Calibration: _TypeAlias = Calibration  # noqa: Y015
 
@@ -639,6 +882,8 @@ class RangeBatch(_message.Message):
     STATUS_FIELD_NUMBER: _builtins.int
     FLAGS_FIELD_NUMBER: _builtins.int
     LOST_FIELD_NUMBER: _builtins.int
+    STD_FIELD_NUMBER: _builtins.int
+    RANGE_STATUS_FIELD_NUMBER: _builtins.int
     time_std: _builtins.float
     """Standard deviation of these times, in seconds; the error is common to all measurements of the batch."""
     epoch: _builtins.int
@@ -665,11 +910,21 @@ class RangeBatch(_message.Message):
 
     @_builtins.property
     def status(self) -> _common_pb2.Array:
-        """f x k, UINT8: the modules' status codes; 0 is good."""
+        """f x k, UINT8: the sensors' own status codes; 0 is good. `range_status` says what they mean."""
 
     @_builtins.property
     def flags(self) -> _common_pb2.Array:
-        """f x k, UINT8: sum of 1 (the range jumped, and no later range confirms it) and 2 (the module is warming up)."""
+        """f x k, UINT8: sums of RangeFlag."""
+
+    @_builtins.property
+    def std(self) -> _common_pb2.Array:
+        """f x k, FLOAT32: standard deviation of each range, in metres, calibrated, or of the module's own noise in what it has
+        sent; NaN: not known, or none was returned.
+        """
+
+    @_builtins.property
+    def range_status(self) -> _common_pb2.Array:
+        """f x k, UINT8: numbers of RangeStatus."""
 
     def __init__(
         self,
@@ -683,10 +938,12 @@ class RangeBatch(_message.Message):
         status: _common_pb2.Array | None = ...,
         flags: _common_pb2.Array | None = ...,
         lost: _builtins.int = ...,
+        std: _common_pb2.Array | None = ...,
+        range_status: _common_pb2.Array | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flags", b"flags", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "std", b"std", "t", b"t"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "raw", b"raw", "sequence", b"sequence", "status", b"status", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch", b"epoch", "flags", b"flags", "lost", b"lost", "range", b"range", "range_status", b"range_status", "raw", b"raw", "sequence", b"sequence", "status", b"status", "std", b"std", "t", b"t", "time_std", b"time_std"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -729,7 +986,9 @@ class TipPose(_message.Message):
     T_FIELD_NUMBER: _builtins.int
     BASE_T_TIP_FIELD_NUMBER: _builtins.int
     t: _builtins.float
-    """Time in seconds since the Unix epoch on the clock of the gateway's host."""
+    """Time in seconds since the Unix epoch on the clock of the gateway's host; with clock_offset or robot_clock: on the
+    robot's clock.
+    """
     @_builtins.property
     def base_t_tip(self) -> _common_pb2.Pose:
         """Pose of the tip in base, z along the beam."""
@@ -749,6 +1008,36 @@ class TipPose(_message.Message):
 Global___TipPose: _TypeAlias = TipPose  # noqa: Y015
 
 @_typing.final
+class RobotClock(_message.Message):
+    """The robot's clock, whatever it counts from, beside the gateway's: the gateway estimates how they differ."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NOW_FIELD_NUMBER: _builtins.int
+    GATEWAY_NOW_FIELD_NUMBER: _builtins.int
+    RECEIVED_FIELD_NUMBER: _builtins.int
+    now: _builtins.float
+    """The robot's clock as it sends this message, in seconds."""
+    gateway_now: _builtins.float
+    """`now` of the last response that the robot has received, in seconds since the Unix epoch; 0: none yet."""
+    received: _builtins.float
+    """The robot's clock as it received that response, in seconds."""
+    def __init__(
+        self,
+        *,
+        now: _builtins.float = ...,
+        gateway_now: _builtins.float = ...,
+        received: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["gateway_now", b"gateway_now", "now", b"now", "received", b"received"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___RobotClock: _TypeAlias = RobotClock  # noqa: Y015
+
+@_typing.final
 class StreamPointsRequest(_message.Message):
     """Tip poses of one device."""
 
@@ -757,15 +1046,27 @@ class StreamPointsRequest(_message.Message):
     DEVICE_FIELD_NUMBER: _builtins.int
     TIP_T_MODULE_FIELD_NUMBER: _builtins.int
     TIP_POSES_FIELD_NUMBER: _builtins.int
+    CLOCK_OFFSET_FIELD_NUMBER: _builtins.int
+    ROBOT_CLOCK_FIELD_NUMBER: _builtins.int
     device: _builtins.str
     """In the first message: name of the device; empty: the only one."""
+    clock_offset: _builtins.float
+    """In the first message: the robot's clock minus that of the gateway's host, in seconds; left out: 0, or as estimated
+    from robot_clock.
+    """
     @_builtins.property
     def tip_t_module(self) -> _containers.RepeatedCompositeFieldContainer[_common_pb2.Pose]:
         """In the first message: pose of each module in the tip frame, z along its beam; empty: as the gateway is configured."""
 
     @_builtins.property
     def tip_poses(self) -> _containers.RepeatedCompositeFieldContainer[Global___TipPose]:
-        """Poses of the tip in base, in the order of time."""
+        """Poses of the tip in base, in the order of time; one that is older than one before it is dropped and counted."""
+
+    @_builtins.property
+    def robot_clock(self) -> Global___RobotClock:
+        """The robot's clock, from which its offset is estimated; in the first message or none, and then in all that follow. A
+        message with it and without poses is answered at once. The first poses come after an answer.
+        """
 
     def __init__(
         self,
@@ -773,12 +1074,16 @@ class StreamPointsRequest(_message.Message):
         device: _builtins.str = ...,
         tip_t_module: _abc.Iterable[_common_pb2.Pose] | None = ...,
         tip_poses: _abc.Iterable[Global___TipPose] | None = ...,
+        clock_offset: _builtins.float | None = ...,
+        robot_clock: Global___RobotClock | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_clock_offset", b"_clock_offset", "clock_offset", b"clock_offset", "robot_clock", b"robot_clock"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["device", b"device", "tip_poses", b"tip_poses", "tip_t_module", b"tip_t_module"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_clock_offset", b"_clock_offset", "clock_offset", b"clock_offset", "device", b"device", "robot_clock", b"robot_clock", "tip_poses", b"tip_poses", "tip_t_module", b"tip_t_module"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__clock_offset: _TypeAlias = _typing.Literal["clock_offset"]  # noqa: Y015
+    _WhichOneofArgType__clock_offset: _TypeAlias = _typing.Literal["_clock_offset", b"_clock_offset"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__clock_offset) -> _WhichOneofReturnType__clock_offset | None: ...
 
 Global___StreamPointsRequest: _TypeAlias = StreamPointsRequest  # noqa: Y015
 
@@ -797,12 +1102,24 @@ class StreamPointsResponse(_message.Message):
     STD_FIELD_NUMBER: _builtins.int
     FLAGS_FIELD_NUMBER: _builtins.int
     OVERRUN_FIELD_NUMBER: _builtins.int
+    NOW_FIELD_NUMBER: _builtins.int
+    OUT_OF_ORDER_FIELD_NUMBER: _builtins.int
+    CLOCK_OFFSET_FIELD_NUMBER: _builtins.int
+    CLOCK_OFFSET_STD_FIELD_NUMBER: _builtins.int
     lost: _builtins.int
     """Number of measurements missing before these, which no subscriber received."""
     unposed: _builtins.int
     """Number of measurements dropped since the previous batch because no two tip poses close in time enclose theirs."""
     overrun: _builtins.int
     """Number of measurements before these that this call lost because it reads slowly, missing ones included."""
+    now: _builtins.float
+    """The present by the clock of the gateway's host as it sends this, in seconds since the Unix epoch."""
+    out_of_order: _builtins.int
+    """Number of tip poses dropped since the previous response because one of a later time had come before."""
+    clock_offset: _builtins.float
+    """The robot's clock minus that of the gateway's host, in seconds: as given, or as estimated by now."""
+    clock_offset_std: _builtins.float
+    """Standard deviation of clock_offset, in seconds; it is part of each point's."""
     @_builtins.property
     def samples(self) -> _common_pb2.Samples:
         """The samples, with the tip's pose in base interpolated at each sample's time."""
@@ -821,7 +1138,9 @@ class StreamPointsResponse(_message.Message):
 
     @_builtins.property
     def std(self) -> _common_pb2.Array:
-        """n, FLOAT64: standard deviation of each point, in metres, from range noise, time uncertainty and speed; NaN: a miss."""
+        """n, FLOAT64: standard deviation of each point, in metres, from range noise, time uncertainty and speed; NaN: a
+        miss, or the noise is not known yet.
+        """
 
     @_builtins.property
     def flags(self) -> _common_pb2.Array:
@@ -839,10 +1158,14 @@ class StreamPointsResponse(_message.Message):
         std: _common_pb2.Array | None = ...,
         flags: _common_pb2.Array | None = ...,
         overrun: _builtins.int = ...,
+        now: _builtins.float = ...,
+        out_of_order: _builtins.int = ...,
+        clock_offset: _builtins.float = ...,
+        clock_offset_std: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "flags", b"flags", "origins", b"origins", "points", b"points", "samples", b"samples", "std", b"std"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["directions", b"directions", "flags", b"flags", "lost", b"lost", "origins", b"origins", "overrun", b"overrun", "points", b"points", "samples", b"samples", "std", b"std", "unposed", b"unposed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock_offset", b"clock_offset", "clock_offset_std", b"clock_offset_std", "directions", b"directions", "flags", b"flags", "lost", b"lost", "now", b"now", "origins", b"origins", "out_of_order", b"out_of_order", "overrun", b"overrun", "points", b"points", "samples", b"samples", "std", b"std", "unposed", b"unposed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import schemathesis
 from helpers.box_session import DEPTH, MASK, ROOMY, request
+from helpers.fake_upstream import DEVICE
 from helpers.problems import TIMEOUT
 from helpers.processes import Orchestrator
 from helpers.scenes import Box, View, World
@@ -25,6 +26,7 @@ from pretouch.session import Budget, Session
 from pretouch.wire.json import request_from_json
 
 load_all_checks()
+schemathesis.serializer.alias("application/x-ndjson", "text/plain")
 _LEFT_OUT = {
     "ignored_auth",  # the token has its own test
     "positive_data_acceptance",  # a request can fit the schema and still not fit its image
@@ -75,6 +77,8 @@ def _made_to_fit(case: schemathesis.Case, url: str, ended: Session) -> bool:
         case.path_parameters |= {"session_id": session.id, "scan_id": session.next_scan.scan_id}
     elif "session_id" in case.path_parameters:
         case.path_parameters["session_id"] = ended.id
+    elif "name" in case.path_parameters:
+        case.path_parameters["name"] = DEVICE
     elif isinstance(case.body, dict) and "depth" in case.body:
         case.body["depth"] = Binary(encode_depth(DEPTH)[0])
         case.body["mask"] = Binary(encode_mask(MASK)[0])

@@ -32,6 +32,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from helpers.unimplemented import unimplemented
 from pretouch.errors import (
     PROBLEM_METADATA_KEY,
+    InvalidInput,
     NotFound,
     PretouchError,
     Unavailable,
@@ -52,6 +53,8 @@ from pretouch.wire import common as wire
 PROPOSERS = ("deep", "stability", "narf", "random")
 SHRINK = 3.0
 DEVICE = "finger"
+NOW = 1.7e9
+FINGER = gateway_pb2.Device(name=DEVICE, port="/dev/ttyACM0", state=gateway_pb2.DEVICE_STATE_STREAMING, frames=7)
 OPTIONS = [("grpc.max_receive_message_length", 64 << 20), ("grpc.max_send_message_length", 64 << 20)]
 
 
@@ -72,6 +75,7 @@ class FakeUpstream:
         calls: every call so far, refused ones too.
         samples: what the gateway answers for any span of its device; empty unless the test sets it.
         changed: see `estimating`.
+        poses: times of the tip poses of the last StreamPoints call.
     """
 
     def __init__(self, credentials: grpc.ServerCredentials | None = None) -> None:
@@ -80,6 +84,7 @@ class FakeUpstream:
         self.calls: list[Call] = []
         self.samples = RangeSamples(np.zeros(0), np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0, int), np.zeros(0, int))
         self.changed: Callable[[Estimate], Estimate] = _unchanged
+        self.poses: list[float] = []
         self._failures: defaultdict[str, list[PretouchError]] = defaultdict(list)
         self._gates: dict[str, threading.Event] = {}
         self._arrived: defaultdict[str, threading.Semaphore] = defaultdict(lambda: threading.Semaphore(0))
@@ -144,9 +149,13 @@ class FakeUpstream:
             self.changed = _unchanged
 
     def wait_for_call(self, method: str, seconds: float = 30.0) -> None:
-        """Returns once a call of `method` has arrived since the block of `held` began."""
+        """Returns once a call of `method` has arrived since the block of `held` began, or what `note` was told of."""
         if not self._arrived[method].acquire(timeout=seconds):
             raise TimeoutError(f"No {method} within {seconds:g} s.")
+
+    def note(self, what: str, times: int = 1) -> None:
+        """Lets `wait_for_call` of that name return so many times."""
+        self._arrived[what].release(times)
 
     def count(self, method: str) -> int:
         return Counter(call.method for call in self.calls)[method]
@@ -266,13 +275,57 @@ class _Registrar(registrar_pb2_grpc.RegistrarServiceServicer):
 
 
 class _Gateway(gateway_pb2_grpc.SensorGatewayServiceServicer):
-    Configure = GetStatus = ListDevices = StreamPoints = StreamRanges = unimplemented
+    Configure = unimplemented
 
     def __init__(self, upstream: FakeUpstream) -> None:
         self.upstream = upstream
 
-    def GetSamples(self, request: Any, context: grpc.ServicerContext) -> gateway_pb2.GetSamplesResponse:
-        self.upstream.enter("GetSamples", request, context)
+    def _enter(self, method: str, request: Any, context: grpc.ServicerContext) -> None:
+        self.upstream.enter(method, request, context)
         if request.device not in ("", DEVICE):
             refuse(context, NotFound(f"There is no device {request.device!r}.", f"The only device is {DEVICE!r}."))
+
+    def ListDevices(self, request: Any, context: grpc.ServicerContext) -> gateway_pb2.ListDevicesResponse:
+        self.upstream.enter("ListDevices", request, context)
+        return gateway_pb2.ListDevicesResponse(devices=[FINGER])
+
+    def GetStatus(self, request: Any, context: grpc.ServicerContext) -> gateway_pb2.GetStatusResponse:
+        self._enter("GetStatus", request, context)
+        modules = [gateway_pb2.ModuleStatus(range=np.nan, status=7, range_status=gateway_pb2.RANGE_STATUS_NO_TARGET)]
+        return gateway_pb2.GetStatusResponse(device=FINGER, format="binary", rate=30.0, now=NOW, modules=modules)
+
+    def StreamRanges(self, request: Any, context: grpc.ServicerContext) -> Iterator[gateway_pb2.StreamRangesResponse]:
+        """Three batches of two measurements, of which the second has no range."""
+        self._enter("StreamRanges", request, context)
+        for k in range(3):
+            batch = gateway_pb2.RangeBatch(
+                t=wire.array_to_proto(np.array([NOW + k, NOW + k + 0.5]), "f8"),
+                time_std=0.001,
+                sequence=wire.array_to_proto(np.array([2 * k, 2 * k + 1]), "u4"),
+                range=wire.array_to_proto(np.array([[0.03], [np.nan]]), "f8"),
+                raw=wire.array_to_proto(np.array([[0.03], [np.nan]]), "f8"),
+                range_status=wire.array_to_proto(np.array([[1], [2]]), "u1"),
+                status=wire.array_to_proto(np.array([[0], [7]]), "u1"),
+                flags=wire.array_to_proto(np.array([[1], [0]]), "u1"),
+            )
+            yield gateway_pb2.StreamRangesResponse(batch=batch)
+
+    def StreamPoints(
+        self, requests: Iterator[Any], context: grpc.ServicerContext
+    ) -> Iterator[gateway_pb2.StreamPointsResponse]:
+        """One sample for each pose, after the last; a pose at time 0 is refused."""
+        first = next(requests)
+        self._enter("StreamPoints", first, context)
+        self.upstream.poses = times = []
+        for request in requests:
+            times += [tip.t for tip in request.tip_poses]
+            if 0 in times:
+                refuse(context, InvalidInput("A tip pose is of 0.000 s.", "Send Unix time."))
+            self.upstream.note("TipPose", len(request.tip_poses))
+        samples = gateway_pb2.StreamPointsResponse().samples
+        samples.t.shape.append(len(times))
+        yield gateway_pb2.StreamPointsResponse(samples=samples, out_of_order=1, unposed=2)
+
+    def GetSamples(self, request: Any, context: grpc.ServicerContext) -> gateway_pb2.GetSamplesResponse:
+        self._enter("GetSamples", request, context)
         return gateway_pb2.GetSamplesResponse(samples=wire.samples_to_proto(self.upstream.samples))

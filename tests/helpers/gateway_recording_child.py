@@ -27,7 +27,7 @@ from helpers.gateway_recordings import T0, made_batch, made_configuration
 
 
 def loop(folder: Path) -> None:
-    with RecordingWriter(folder, structlog.get_logger(), Limits(file_bytes=128 * 1024)) as writer:
+    with RecordingWriter(folder, structlog.get_logger(), Limits(file_bytes=128 * 1024), commit_every=0.0) as writer:
         recorder = started(writer)
         given = 0
         while True:
@@ -57,7 +57,7 @@ async def serve(folder: Path) -> None:
 def starve(folder: Path) -> None:
     now, given = 0.0, 0
     problems = []
-    with RecordingWriter(folder, structlog.get_logger(), clock=lambda: now) as writer:
+    with RecordingWriter(folder, structlog.get_logger(), clock=lambda: now, commit_every=0.0) as writer:
         recorder = started(writer)
         resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY))
         for now in range(100):

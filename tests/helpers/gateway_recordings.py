@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import structlog
+from foxglove_schemas_protobuf.Log_pb2 import Log
 from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.queue_items import BatchItem
 from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
@@ -49,7 +50,8 @@ def made_configuration(modules: int = MODULES) -> pb.DeviceConfiguration:
 
 
 def series_in(root: Path, limits: Limits | None = None, device: str = "left") -> RotatingFiles:
-    return RotatingFiles(root, device, limits or Limits(), structlog.get_logger())
+    """Files to which every write is committed at once."""
+    return RotatingFiles(root, device, limits or Limits(), structlog.get_logger(), commit_every=0.0)
 
 
 def files_in(root: Path, device: str = "left") -> list[Path]:
@@ -63,6 +65,11 @@ def recorded_in(path: Path) -> list[Recorded]:
 def batches_in(path: Path) -> list[bytes]:
     """The recorded batches, serialised, in the order of the file."""
     return [message.data for message in RecordingReader(path) if message.schema == RANGES]
+
+
+def log_in(path: Path) -> list[str]:
+    """The recorded events."""
+    return [Log.FromString(one.data).message for one in RecordingReader(path) if one.schema == "foxglove.Log"]
 
 
 def sequence_in(path: Path) -> list[int]:

@@ -39,6 +39,7 @@ class PlateGateway(SensorGatewayServiceServicer):
         outliers: share of readings that are far off, with a good status.
         silent: the streams stay open and send nothing.
         cut: frames after which a stream breaks off; None: none does.
+        rate: of the measurements, as the gateway reports it.
         streaming: set while a stream is read.
     """
 
@@ -48,6 +49,7 @@ class PlateGateway(SensorGatewayServiceServicer):
         self.plate, self.slide, self.outliers = 0.05, 0.0, 0.0
         self.state: pb.DeviceState.ValueType = pb.DEVICE_STATE_STREAMING
         self.problem, self.epoch = "", 1
+        self.rate = 300.0
         self.silent = False
         self.cut: int | None = None
         self.streaming = threading.Event()
@@ -75,7 +77,7 @@ class PlateGateway(SensorGatewayServiceServicer):
         return pb.GetStatusResponse(
             device=pb.Device(name=self.device, state=self.state, problem=self.problem),
             identity=pb.Identity(serial=SERIAL, modules=len(self.modules), period=1 / 30),
-            rate=300.0,
+            rate=self.rate,
         )
 
     async def StreamRanges(

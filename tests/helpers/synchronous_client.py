@@ -19,12 +19,16 @@ _HEADER = "# Generated from pretouch/client/asynchronous by `make client`: chang
 _WORDS = {
     "__aenter__": "__enter__",
     "__aexit__": "__exit__",
+    "AsyncCalls": "SyncCalls",
     "AsyncClient": "SyncClient",
     "AsyncExecution": "Execution",
     "AsyncGenerator": "Generator",
+    "AsyncGatewayClient": "GatewayClient",
     "AsyncGrpcClient": "GrpcClient",
+    "AsyncIterable": "Iterable",
     "AsyncIterator": "Iterator",
     "AsyncRestClient": "RestClient",
+    "AsyncSignal": "Signal",
     "aclose": "close",
     "aclosing": "closing",
     "aiter_bytes": "iter_bytes",
@@ -35,7 +39,7 @@ _WORDS = {
 }
 _MODULES = (
     ("pretouch.client.asynchronous", "pretouch.client.synchronous"),
-    ("import asyncio\n", ""),
+    ("import asyncio\n", "import time\n"),
     ("asyncio.sleep", "time.sleep"),
 )
 _INIT = '"""The synchronous clients, generated from `asynchronous`."""\n'

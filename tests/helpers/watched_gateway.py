@@ -12,6 +12,7 @@ from typing import Any
 
 import grpc
 import numpy as np
+from pretouch_sensor_gateway.range_status import classify
 
 from pretouch.errors import PROBLEM_METADATA_KEY, PretouchError, Unauthenticated, problem, wire_of
 from pretouch.v1 import sensor_gateway_pb2 as pb
@@ -70,6 +71,7 @@ def ranges(
         range=array_to_proto(measured, "f8"),
         raw=array_to_proto(measured, "f8"),
         status=array_to_proto(code, "u1"),
+        range_status=array_to_proto(classify(code, measured, "binary"), "u1"),
         flags=array_to_proto(np.broadcast_to(np.asarray(flags), measured.shape), "u1"),
         lost=lost,
     )

@@ -1,4 +1,4 @@
-"""The fingertip's firmware with six simulated VL6180X: compiled for this machine, and as the AVR's own machine code."""
+"""The fingertip's firmware with six simulated VL6180X: on this machine, as an Arduino sketch, and as AVRs' code."""
 
 from __future__ import annotations
 
@@ -21,18 +21,22 @@ BACK_MS = 1200  # a lost module is tried once a second
 Command = tuple[str | Path, ...]
 
 
-@pytest.fixture(scope="module", params=["native", "simavr"])
+@pytest.fixture(scope="module", params=["native", "arduino", "atmega328p"])
 def command(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Command:
     build = tmp_path_factory.mktemp("firmware")
     if request.param == "native":
         need("make", "cc")
         make("host", build, **sanitizers(build))
         return build / "finger-host", "--console"
+    if request.param == "arduino":
+        need("make", "cc", "c++")
+        make("arduino", build, **sanitizers(build))
+        return build / "finger-arduino", "--console"
     need("make", "cc", "avr-gcc", "simavr")
     if not Path("/usr/include/simavr/sim_avr.h").exists():
         pytest.skip("simavr's headers are not installed (Debian: libsimavr-dev)")
-    make("simavr", build)
-    return build / "finger-simavr", "--console", build / "avr" / "finger.elf"
+    make("simavr", build, MCU=request.param)
+    return build / request.param / "finger-simavr", "--console", build / request.param / "finger.elf"
 
 
 @pytest.fixture
@@ -79,6 +83,16 @@ def test_a_start_ends_other_texts_says_who_it_is_and_counts_from_zero(bench: Ben
     assert measurements[0].sequence == 0
     assert measurements[0].boot == first.boot
     assert all_good(measurements[0])
+
+
+@pytest.mark.parametrize("command", ["atmega2560", "atmega32u4"], indirect=True)
+def test_other_boards_find_their_modules_measure_and_answer(bench: Bench) -> None:
+    assert isinstance(bench.run(BRING_UP_MS + 100)[0], Identity)
+    bench.tell("see 5 33 0")
+    assert bench.measurements(120)[-1].ranges[5] == pytest.approx(0.033)
+    bench.receive(encode(Ping(77)))
+    assert [message.sequence for message in bench.run(40) if isinstance(message, PingReply)] == [77]
+    assert [module["address"] for module in bench.tell("state")["modules"]] == [0x30, 0x31, 0x32, 0x33, 0x34, 0x35]
 
 
 def test_each_module_gets_an_address_of_its_own_and_its_settings(bench: Bench) -> None:
@@ -191,6 +205,38 @@ def test_a_module_that_hangs_is_reset(bench: Bench) -> None:
     hung = until(bench, lambda measurement: measurement.status[5] == NO_ANSWER, 90)
     back = until(bench, all_good, 300)
     assert in_sequence(hung + back)
+
+
+def test_a_bus_that_a_cut_off_module_holds_is_clocked_free(bench: Bench) -> None:
+    bench.run(BRING_UP_MS + 100)
+    bench.tell("stick 9")
+    bench.run(60)
+    assert all_good(until(bench, all_good, BACK_MS)[-1])
+
+
+def test_on_a_bus_that_stays_stuck_the_board_goes_on_to_say_so(bench: Bench) -> None:
+    bench.run(BRING_UP_MS + 100)
+    bench.tell("stick 1000000")
+    stuck = until(bench, lambda measurement: measurement.status == (NO_ANSWER,) * MODULES, 300)
+    bench.receive(encode(Ping(5)))
+    messages = bench.run(300)
+    assert [message.sequence for message in messages if isinstance(message, PingReply)] == [5]
+    stuck += [message for message in messages if isinstance(message, Measurement)]
+    assert in_sequence(stuck)
+    bench.tell("stick 0")
+    until(bench, all_good, BACK_MS)
+
+
+@pytest.mark.parametrize("command", ["atmega328p"], indirect=True)  # whose watchdog is simulated
+def test_a_processor_that_hangs_is_restarted_by_its_watchdog(bench: Bench) -> None:
+    bench.run(BRING_UP_MS)
+    before = bench.measurements(100)[-1]
+    bench.tell("freeze")
+    bench.run(10)  # what was on its way
+    assert bench.run(200) == []
+    bench.frames.restart()
+    after = until(bench, all_good, 600)
+    assert (after[-1].boot or 0) == (before.boot or 0) + 1
 
 
 def test_a_failure_that_a_module_tells_of_itself_is_passed_on(bench: Bench) -> None:

@@ -16,8 +16,8 @@ import typer
 from helpers.plate_gateway import SERIAL, PlateGateway
 from helpers.processes import free_port
 from pretouch_sensor_gateway.calibration import picture
-from pretouch_sensor_gateway.calibration.file import load
-from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, ModuleCalibration
+from pretouch_sensor_gateway.calibration.file import load, save
+from pretouch_sensor_gateway.calibration.model import UNCALIBRATED, Calibration, ModuleCalibration
 from pretouch_sensor_gateway.calibration.proto_conversion import calibration_from_proto
 from pretouch_sensor_gateway.command.calibrate import calibrate
 
@@ -339,3 +339,39 @@ def test_a_name_that_toml_does_not_take_bare_is_quoted(
     configured = tomllib.loads(told[told.index("[devices") :])
     assert configured == {"devices": {"left.1": {"calibration": str(bench.out.resolve())}}}
     assert json.loads(bench.out.read_text())["made"]["device"] == "left.1"
+
+
+def test_drift_is_added_to_the_calibration_and_stays_when_the_modules_are_calibrated_again(bench: Bench) -> None:
+    bench.gateway.rate = 10.0
+    code, told = bench.calibrate([], "--drift", "--minutes", "2", "--apply")
+    assert code == 0
+    assert "Module 1: noise" in told
+    assert "run this command without --drift, too" in told
+    drift, record = load(bench.out)
+    assert (drift.serial, drift.modules, record) == (SERIAL, (UNCALIBRATED,) * 2, None)
+    assert drift.bias_std is not None
+    assert drift.bias_std < 0.0005
+    assert [calibration_from_proto(each.calibration) for each in bench.gateway.configured] == [drift]
+    bench.calibrate([*map(bench.at, DISTANCES), ENTER])
+    both, record = load(bench.out)
+    assert both.bias_std == drift.bias_std
+    assert UNCALIBRATED not in both.modules
+    bench.gateway.plate = 0.05
+    bench.calibrate([], "--drift", "--minutes", "2")
+    again, kept = load(bench.out)
+    assert (again.modules, kept) == (both.modules, record)
+
+
+def test_drift_of_another_board_or_of_a_module_without_a_target_is_refused(bench: Bench) -> None:
+    bench.gateway.rate = 10.0
+    save(bench.out, Calibration("0a", 0.0, (ModuleCalibration(),) * 2))
+    with pytest.raises(InvalidInput, match="is the calibration of board 0a"):
+        bench.calibrate([], "--drift", "--minutes", "2")
+    save(bench.out, Calibration(SERIAL, 0.0, (ModuleCalibration(),) * 3))
+    with pytest.raises(InvalidInput, match="describes 3 modules, the device has 2"):
+        bench.calibrate([], "--drift", "--minutes", "2")
+    bench.out.unlink()
+    bench.gateway.modules = (None, None)
+    with pytest.raises(InvalidInput, match="too few ranges for the drift"):
+        bench.calibrate([], "--drift", "--minutes", "2")
+    assert not bench.out.exists()

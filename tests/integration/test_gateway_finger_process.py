@@ -95,7 +95,7 @@ async def test_it_measures_a_world_and_keeps_up_with_200_hz(sensor: str, tmp_pat
                 all_heard.set()
 
         source = SerialSource(
-            finger.port, BinaryParser(), 115_200, None, deliver, lambda text: None, structlog.get_logger()
+            finger.port, BinaryParser(), 115_200, None, None, deliver, lambda text: None, structlog.get_logger()
         )
         running = asyncio.create_task(source.run())
         finger.play(still, start)

@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 from grpc.aio import AioRpcError
+from helpers.gateway_recordings import MODULES, T0, files_in, made_configuration, measured, series_in
 from helpers.hand_finger import HandFinger
 from pretouch_sensor_gateway.configuration import VARIABLE
 from pretouch_sensor_gateway.device import Device
 from pretouch_sensor_gateway.range_batch import RangeBatch
+from pretouch_sensor_gateway.recording.queue_items import ConfigurationItem, StopItem
 from pretouch_sensor_gateway.service import running
 from pretouch_sensor_gateway.subscription_queue import QUEUE_MEASUREMENTS
 from pretouch_simulation.finger_link import FingerProcess
@@ -30,7 +32,7 @@ from pretouch.trajectory import Trajectory
 from pretouch.v1 import common_pb2
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
-from pretouch.wire.common import array_from_proto, pose_to_proto, samples_from_proto
+from pretouch.wire.common import array_from_proto, pose_from_proto, pose_to_proto, samples_from_proto
 
 TIMEOUT = 120.0  # of each whole conversation: only a hang takes so long
 PLANE_FINGER = """
@@ -134,6 +136,31 @@ async def test_points_lie_on_the_plane_while_the_tip_moves_and_can_be_asked_for_
         )
 
 
+async def test_a_recording_of_six_modules_is_configured_as_it_was_and_gives_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    series_in(tmp_path).write(
+        [ConfigurationItem(made_configuration(), T0), *(measured(k) for k in range(30)), StopItem()], 0.0
+    )
+    tip = pose_to_proto(Pose.identity())
+    poses = [pb.TipPose(t=T0 + 0.1 * k, base_t_tip=tip) for k in range(-1, 12)]
+    async with gateway(monkeypatch, finger=f"replay:{files_in(tmp_path)[0]}") as (stub, _):
+        status = await stub.GetStatus(pb.GetStatusRequest())
+        assert list(status.configuration.tip_t_module) == list(made_configuration().tip_t_module)
+
+        async def requests() -> AsyncIterator[pb.StreamPointsRequest]:
+            yield pb.StreamPointsRequest(device="finger", tip_poses=poses)
+
+        points = np.concatenate(
+            [array_from_proto(batch.points, "points") async for batch in stub.StreamPoints(requests())]
+        )
+        modules = [pose_from_proto(pose, "") for pose in made_configuration().tip_t_module]
+        expected = [pose.apply([0.0, 0.0, 0.01 * (k + 1)]) for k, pose in enumerate(modules)][
+            :-1
+        ]  # the last one missed
+        np.testing.assert_allclose(points[-MODULES:-1], expected, atol=1e-12)
+
+
 async def test_ranges_come_as_they_are_measured(plane_finger: FingerProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     still = Trajectory(
         np.array([0.0, 5.0]), np.tile(Pose.from_rotation_vector([math.pi, 0, 0], [0, 0, 0.04]).matrix, (2, 1, 1))
@@ -230,7 +257,18 @@ async def test_a_slow_subscriber_is_told_its_losses(monkeypatch: pytest.MonkeyPa
 
     def measured(sequence: int) -> RangeBatch:
         row, codes = np.full((1, 6), 0.03), np.zeros((1, 6), dtype=np.uint8)
-        return RangeBatch(np.ones(1), 0.001, np.array([sequence], dtype=np.uint32), 0, row, row, codes, codes, 0)
+        return RangeBatch(
+            np.ones(1),
+            0.001,
+            np.array([sequence], dtype=np.uint32),
+            0,
+            row,
+            row,
+            codes,
+            codes,
+            0,
+            row.astype(np.float32),
+        )
 
     monkeypatch.setattr(Device, "__init__", noted)
     async with gateway(monkeypatch, finger="/dev/absent") as (stub, _):
@@ -348,9 +386,9 @@ async def test_what_cannot_be_answered_is_refused_with_a_remedy(
             (
                 points(
                     pb.StreamPointsRequest(device="left", tip_poses=[pb.TipPose(t=now, base_t_tip=here)]),
-                    pb.StreamPointsRequest(tip_poses=[pb.TipPose(t=now - 1, base_t_tip=here)]),
+                    pb.StreamPointsRequest(clock_offset=1.0),
                 ),
-                "before the one",
+                "later message",
             ),
             (points(pb.StreamPointsRequest(device="left"), pb.StreamPointsRequest(device="right")), "later message"),
         ):

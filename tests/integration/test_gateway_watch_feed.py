@@ -155,9 +155,9 @@ async def upstream_without_gateway() -> AsyncIterator[str]:
 
 async def test_a_message_that_is_none_is_said_at_once() -> None:
     broken = ranges([T0], [[0.03]])
-    broken.batch.t.shape[0] = 9
+    broken.batch.range.shape[0] = 9
     with FakeGateway(status()) as gateway:
         async with fed(gateway.address) as (_, task):
             await asyncio.to_thread(gateway.send, "finger", broken)
-            with pytest.raises(InvalidInput, match="t has 8 bytes"):
+            with pytest.raises(InvalidInput, match="range has 8 bytes"):
                 await task

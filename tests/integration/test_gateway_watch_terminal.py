@@ -47,16 +47,16 @@ def test_a_person_sees_the_ranges_changes_the_device_and_quits(gateway: FakeGate
         screen = terminal.wait_for("34.5")
         assert f"gateway {gateway.address}" in screen[0]
         assert any("● streaming" in line and "epoch 3" in line for line in screen)
-        assert any(line.split()[:4] == ["1", "-", "7", "no"] for line in screen)
+        assert any(line.split()[:4] == ["1", "-", "no", "target"] for line in screen)
         assert not terminal.now[3] & (termios.ECHO | termios.ICANON)
         gateway.send("index", ranges([T0], [[0.0777]]))
         terminal.type(b"\t")
         terminal.wait_for("epoch 9")
         terminal.wait_for("77.7")
-        terminal.type(b"1")
+        terminal.type(b"\t")
         terminal.wait_for("epoch 3")
-        gateway.send("thumb", ranges([T0 + 1], [[0.051, 0.02]], lost=3))
-        terminal.wait_for("thumb: 3 frames lost")
+        gateway.statuses["thumb"] = status(device("thumb", lost_frames=3))
+        terminal.wait_for("thumb: 3 lost")
         terminal.type(b"q")
         assert terminal.ended() == 0
         is_restored(terminal)
@@ -106,7 +106,7 @@ def test_the_view_fits_itself_to_the_terminal(gateway: FakeGateway) -> None:
         terminal.wait_for("34.5")
         for columns, lines in ((140, 50), (60, 16), (80, 24)):
             terminal.resize(columns, lines)
-            screen = terminal.wait_for(lambda screen: screen[-1].startswith(" q quits") and "gateway" in screen[0])
+            screen = terminal.wait_for(lambda screen: "gateway" in screen[0] and "34.5" in " ".join(screen))
             assert len(screen) == lines
         terminal.type(b"q")
         assert terminal.ended() == 0

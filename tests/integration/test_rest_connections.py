@@ -68,6 +68,11 @@ async def served(limit: int = 100) -> AsyncIterator[int]:
     async def body(request: Request) -> int:
         return len(await request.body())
 
+    @app.post("/poses")
+    async def poses(request: Request) -> int:
+        request.scope[connection.SLOW_BODY] = True
+        return len(await request.body())
+
     @app.post("/unread")
     async def refuse() -> int:
         return 0
@@ -152,6 +157,16 @@ async def test_who_is_slow_but_comes_on_is_served() -> None:
                     await asyncio.sleep(0.1)
             assert read == LARGE
             assert (await client.get(f"http://127.0.0.1:{port}/quiet")).text == "beat\n" * 3
+
+
+async def test_a_body_that_comes_as_a_robot_moves_may_be_slow_but_not_stand_still() -> None:
+    head = b"POST /poses HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n"
+    async with served() as port, asyncio.timeout(TIMEOUT):
+        slow = await say(port, head, *[b"1\r\n.\r\n"] * 12, b"0\r\n\r\n", every=PATIENCE / 4)
+        assert slow.startswith(b"HTTP/1.1 200")
+        assert slow.endswith(b"12")
+        still = await say(port, head, b"1\r\n.\r\n")
+        assert "poses did not come in time" in problem_in(still)["detail"]
 
 
 async def test_of_requests_that_do_not_wait_for_an_answer_one_is_served() -> None:

@@ -9,7 +9,16 @@ import pytest
 from helpers.synchronous_client import SOURCES, generate, target
 
 import pretouch.client
-from pretouch.client import AsyncClient, AsyncGrpcClient, AsyncRestClient, GrpcClient, RestClient, SyncClient
+from pretouch.client import (
+    AsyncClient,
+    AsyncGatewayClient,
+    AsyncGrpcClient,
+    AsyncRestClient,
+    GatewayClient,
+    GrpcClient,
+    RestClient,
+    SyncClient,
+)
 
 METHODS = {
     *("create_session", "session", "sessions", "all_sessions", "next_scan"),
@@ -19,8 +28,22 @@ METHODS = {
 
 def test_the_public_names_are_these() -> None:
     assert sorted(pretouch.client.__all__) == [
-        *("AsyncClient", "AsyncGrpcClient", "AsyncRestClient", "Event", "GrpcClient", "Guard", "ImageLike", "Reflex"),
-        *("RestClient", "ScanPiece", "SessionPage", "SyncClient", "add_descent", "drive", "drive_async"),
+        *("AsyncClient", "AsyncGatewayClient", "AsyncGrpcClient", "AsyncRestClient", "Event", "GatewayClient"),
+        *(
+            "GrpcClient",
+            "Guard",
+            "ImageLike",
+            "Points",
+            "Ranges",
+            "Reflex",
+            "RestClient",
+            "ScanPiece",
+            "SessionPage",
+            "SyncClient",
+            "add_descent",
+            "drive",
+            "drive_async",
+        ),
     ]
     assert all(hasattr(pretouch.client, name) for name in pretouch.client.__all__)
 
@@ -34,6 +57,12 @@ def test_synchronous_and_asynchronous_methods_take_the_same() -> None:
     for name in METHODS:
         sync, other = (inspect.signature(getattr(kind, name)).parameters for kind in (SyncClient, AsyncClient))
         assert sync == other, name
+
+
+@pytest.mark.parametrize("kind", [GatewayClient, AsyncGatewayClient])
+def test_the_gateways_clients_have_the_same_methods(kind: type) -> None:
+    methods = {name for name in dir(kind) if not name.startswith("_")}
+    assert methods == {"close", "configure", "devices", "points", "ranges", "samples", "status"}
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.stem)

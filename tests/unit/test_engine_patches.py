@@ -146,3 +146,12 @@ def test_samples_of_several_modules_share_more_than_those_of_one() -> None:
     several = replace(one, tip_T_module=(Pose.identity(),) * 2)
     assert compute_shared_error(several, camera).common > compute_shared_error(one, camera).common
     assert compute_shared_error(several, camera).own == compute_shared_error(one, camera).own
+
+
+def test_a_scan_with_a_larger_bias_is_worth_fewer_samples() -> None:
+    camera = CameraNoise(pixel=0.001, patch=0.0005)
+    worth = [
+        compute_shared_error(Sensor(range_bias_std=bias), camera).count_effective(np.array(100.0))
+        for bias in (0.0, 0.0007, 0.002)
+    ]
+    assert worth[0] > worth[1] > worth[2]

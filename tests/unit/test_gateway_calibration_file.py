@@ -16,8 +16,12 @@ from pretouch_sensor_gateway.calibration.record import CalibrationRecord, Module
 
 from pretouch.errors import InvalidInput, Malformed
 
-MODULES = (ModuleCalibration(0.0031, 1.012, 4.5, 0.0008, 0.011), ModuleCalibration())
-CALIBRATION = Calibration("0102030405060708", 60.0, MODULES)
+BENT = ModuleCalibration(
+    0.0031, 1.012, 4.5, 0.0008, 0.011, 0.0004, corrections=((0.015, 0.0002), (0.1, -0.0003)), span=(0.015, 0.1)
+)
+MODULES = (BENT, ModuleCalibration())
+CALIBRATION = Calibration("0102030405060708", 60.0, MODULES, 0.0006)
+OPTIONAL = ("made", "bias_std_m", "residual_m", "span_m", "corrections_m")
 RECORD = CalibrationRecord(
     "2025-01-31T12:00:00+00:00",
     "left",
@@ -68,7 +72,7 @@ def test_every_digit_is_kept(
     assert load(path)[0] == calibration
 
 
-def test_a_person_writes_the_calibration_alone(tmp_path: Path) -> None:
+def test_a_file_of_version_1_is_read_or_written_by_a_person(tmp_path: Path) -> None:
     (tmp_path / "c.json").write_text(
         '{"version": 1, "serial": "", "warm_up_s": 60, "modules": ['
         '{"offset_m": 0.003, "scale": 1, "crosstalk_per_m2": 0, "std_m": 0.001, "std_slope": 0.01}]}'
@@ -76,10 +80,11 @@ def test_a_person_writes_the_calibration_alone(tmp_path: Path) -> None:
     assert load(tmp_path / "c.json") == (Calibration("", 60.0, (ModuleCalibration(0.003, 1, 0, 0.001, 0.01),)), None)
 
 
-def test_a_person_reads_it_a_line_a_module_and_a_line_a_distance(tmp_path: Path) -> None:
+def test_a_person_reads_it_in_short_lines(tmp_path: Path) -> None:
     save(tmp_path / "c.json", CALIBRATION, RECORD)
     lines = (tmp_path / "c.json").read_text().splitlines()
-    assert sum('"offset_m": 0.0031' in line and '"std_slope": 0.011' in line for line in lines) == 1
+    assert sum('"offset_m": 0.0,' in line and '"residual_m": 0.0' in line for line in lines) == 1
+    assert sum('"corrections_m": [[0.015, 0.0002], [0.1, -0.0003]]' in line for line in lines) == 1
     assert sum('"distance_m": 0.015' in line and '"residual_m": -0.0001' in line for line in lines) == 1
     assert max(map(len, lines)) < 200
 
@@ -121,7 +126,7 @@ def test_every_member_is_needed_and_typed(tmp_path: Path, document: dict[str, An
                 parent[path[-1]] = 1.0 if isinstance(value, str) else "1.0"
             elif change == "null":
                 parent[path[-1]] = None
-            if path == ("made",) and change == "missing":
+            if path[-1] in OPTIONAL and change == "missing":
                 continue
             assert path[-1] in refused(tmp_path / "c.json", broken).detail, (path, change)
 
@@ -129,13 +134,16 @@ def test_every_member_is_needed_and_typed(tmp_path: Path, document: dict[str, An
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        (("version",), 2, "version is 2"),
+        (("version",), 3, "version is 3"),
         (("version",), True, "version"),
         (("serial",), "left finger", "serial"),
         (("warm_up_s",), -1, "warm_up is -1"),
         (("modules",), [], "0 modules"),
         (("modules", 1, "scale"), 1000, "modules[1]: scale is 1000"),
         (("modules", 0, "offset_m"), 3.1, "modules[0]: offset is 3.1"),
+        (("bias_std_m",), 1, "bias_std is 1"),
+        (("modules", 0, "span_m"), [0.1], "modules[0].span_m"),
+        (("modules", 0, "corrections_m", 1), [0.001, 0.0], "modules[0]: corrections"),
         (("made", "date"), "yesterday", "made.date"),
         (("made", "modules"), [], "made.modules has 0 items, modules 2"),
         (("made", "modules", 0, "distances", 1, "samples"), 59.5, "made.modules[0].distances[1].samples"),

@@ -83,6 +83,31 @@ def test_calibrated_readings_are_distances() -> None:
     assert off.max() < 0.001
 
 
+def bending(r: Array) -> Array:
+    """Readings, m, that saturate near and far, as those of a histogram's bins."""
+    return np.asarray(0.9 * r - 0.01 + 0.002 * np.sin(r / 0.02))
+
+
+@pytest.mark.parametrize("count", [12, 40])
+def test_a_curve_that_bends_is_followed_and_its_residual_is_the_error_elsewhere(count: int) -> None:
+    ratios = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        r = np.linspace(0.02, 0.15, count)
+        found = fit_module({float(x): bending(x) + 0.0005 * rng.standard_normal(30) for x in r}).calibration
+        assert found.span == (0.02, 0.15)
+        between = np.linspace(0.02, 0.15, 301)
+        off = float(np.sqrt(np.mean((found.distance(bending(between)) - between) ** 2)))
+        assert off < 0.0006
+        ratios.append(off / np.hypot(found.residual, PLACEMENT_STD))
+    assert 0.2 < np.sqrt(np.mean(np.square(ratios))) < 1.5, ratios
+
+
+def test_a_straight_module_keeps_its_line() -> None:
+    bent = [bool(fit_module(readings_of(PLAIN, seed)).calibration.corrections) for seed in range(40)]
+    assert sum(bent) <= 4
+
+
 @pytest.mark.parametrize("share", [0.02, 0.2])
 def test_outliers_of_good_status_are_counted_and_do_not_matter(share: float) -> None:
     clean, spoilt = (fit_module(readings_of(PLAIN, 5, outliers=part)) for part in (0.0, share))

@@ -9,6 +9,7 @@ from pretouch_sensor_gateway.clock.arrival_clock import ArrivalClock
 from pretouch_sensor_gateway.clock.tick_unwrapper import TickUnwrapper
 
 from benchmarks.clock_devices import START, WRAP, Delay, Oscillator, hiccups, latency_timer, usb
+from benchmarks.text_devices import TEXT_CASES, print_lines
 
 PERIOD = 1 / 30
 ON_THE_WIRE = 0.002
@@ -87,6 +88,26 @@ def test_a_line_without_a_time_is_half_a_period_older_than_its_arrival() -> None
         found = clock.host_time(100.0 + 0.02 * k, 0.002, None)
     assert found.at == pytest.approx(100.78 - 0.002 - 0.01)
     assert found.std == pytest.approx(np.hypot(0.02 / 12**0.5, 0.016 / 3**0.5))
+
+
+@pytest.mark.parametrize("device", [None, 50.0])
+def test_a_latency_that_is_stated_is_subtracted_and_leaves_no_doubt_about_the_period(device: float | None) -> None:
+    stated, unstated = ArrivalClock(0.022), ArrivalClock()
+    found, guessed = stated.host_time(100.0, 0.01, device), unstated.host_time(100.0, 0.01, device)
+    assert found.at == pytest.approx(100.0 - 0.01 - 0.022)
+    assert found.std**2 == pytest.approx(guessed.std**2 - 0.1**2 / 12)
+    assert (stated.latency, unstated.latency) == (0.022, 0.05)
+
+
+@pytest.mark.parametrize("board", TEXT_CASES)
+def test_lines_read_byte_by_byte_are_timed_as_stated(board: str) -> None:
+    case = TEXT_CASES[board]
+    runs = [print_lines(case, 20.0, seed) for seed in range(4)]
+    error = np.concatenate([error[len(error) // 4 :] for error, _ in runs])
+    std = np.concatenate([std[len(std) // 4 :] for _, std in runs])
+    assert np.mean(np.abs(error) <= 3 * std) >= 0.98
+    if case.stated is not None:
+        assert np.sqrt(np.mean(error**2)) < 2e-3
 
 
 def test_lines_that_come_in_one_read_are_as_old_as_each_other() -> None:

@@ -39,6 +39,7 @@ def test_a_file_says_more(tmp_path: Path) -> None:
         address = "usb:2341:0043"
         format = "binary"
         baud = 230400
+        latency = 0.022
         calibration = "finger.json"
         record = true
         modules = [
@@ -53,6 +54,7 @@ def test_a_file_says_more(tmp_path: Path) -> None:
     assert setting.recordings == tmp_path / "recordings"
     finger, plain = setting.devices
     assert (finger.name, finger.wire_format, finger.baud, finger.record) == ("finger", "binary", 230_400, True)
+    assert finger.latency == 0.022
     assert finger.calibration == Calibration("00aa", 60.0, modules)
     np.testing.assert_allclose(finger.tip_T_module[1].matrix[:3, 2], [1, 0, 0], atol=1e-6)
     assert (plain.name, plain.address, plain.wire_format, plain.calibration) == ("plain", "/dev/ttyACM0", "auto", None)
@@ -69,6 +71,8 @@ def test_a_file_says_more(tmp_path: Path) -> None:
         ('[devices.a]\naddress = "/dev/x"\nspeed = 3', "speed"),
         ('[devices.a]\naddress = "/dev/x"\nformat = "morse"', "morse"),
         ('[devices.a]\naddress = "/dev/x"\nbaud = 0', "baud"),
+        ('[devices.a]\naddress = "/dev/x"\nlatency = 22', "latency of 22 s"),
+        ('[devices.a]\naddress = "/dev/x"\nlatency = "22 ms"', "latency"),
         ('[devices.a]\naddress = "/dev/x"\nrecord = 1', "record"),
         ('[devices.a]\naddress = "/dev/x"\nrecord = true', "no folder"),
         ('[devices.a]\naddress = "/dev/x"\ncalibration = "none.json"', "none.json"),

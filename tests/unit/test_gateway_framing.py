@@ -13,7 +13,15 @@ from cobs import cobs
 from fastcrc import crc16
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.wire_formats.binary import END, MAX_FRAME, BinaryParser, FrameDecoder, encode
+from pretouch_sensor_gateway.handshake import Handshake
+from pretouch_sensor_gateway.wire_formats.binary import (
+    END,
+    INTERRUPT,
+    MAX_FRAME,
+    BinaryParser,
+    FrameDecoder,
+    encode,
+)
 from pretouch_sensor_gateway.wire_formats.messages import (
     MAX_FIRMWARE,
     MAX_MODULES,
@@ -252,8 +260,8 @@ def encoded_as_specified(body: bytes) -> bytes:
 
 SPECIFIED_MESSAGES = {
     "ranges 5 at 1.000000 s: one module, 34.5 mm, status 0": Measurement(0x1234, 5, 1_000_000, (0.0345,), (0,)),
-    "ping 3": Ping(3),
-    "its reply at 1.000500 s": PingReply(0x1234, 3, 1_000_500),
+    "ping 7": Ping(7),
+    "its reply at 1.000500 s": PingReply(0x1234, 7, 1_000_500),
     "identify": Identify(),
     'identity: serial 0102030405060708, 1 module, 33,333 us, "demo 1.0"': Identity(
         0x1234, "0102030405060708", 1, 0.033333, "demo 1.0"
@@ -270,6 +278,19 @@ def test_the_specification_s_example_frames_are_what_is_sent_and_read() -> None:
         assert encoded_as_specified(pack(SPECIFIED_MESSAGES[name])) == frame, name
         (read,) = FrameDecoder().feed(frame)
         assert repr(read) == repr(SPECIFIED_MESSAGES[name]), name
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40))
+def test_nothing_sent_to_a_device_interrupts_a_micropython_program(number: int, pings: int) -> None:
+    handshake = Handshake(number)
+    handshake.start(0.0)
+    numbers = []
+    for _ in range(pings):
+        messages = handshake.take_due(handshake.next_send)
+        assert INTERRUPT not in b"".join(map(encode, messages))
+        numbers += [message.sequence for message in messages if isinstance(message, Ping)]
+    assert len(set(numbers)) == pings
+    assert same(FrameDecoder().feed(b"".join(encode(Ping(each)) for each in numbers)), list(map(Ping, numbers)))
 
 
 def test_each_field_lies_where_the_specification_s_tables_say() -> None:

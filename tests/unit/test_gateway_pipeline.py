@@ -9,9 +9,9 @@ import pytest
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
 from pretouch_sensor_gateway.measurement_pipeline import MAX_HELD, MeasurementPipeline
 from pretouch_sensor_gateway.range_batch import Flag, RangeBatch
-from pretouch_sensor_gateway.wire_formats.auto_detection import create_parser
 from pretouch_sensor_gateway.wire_formats.binary import BinaryParser, encode
 from pretouch_sensor_gateway.wire_formats.parser import Measurement, Refusal
+from pretouch_sensor_gateway.wire_formats.registry import create_parser
 
 from benchmarks.virtual_finger import VirtualFinger
 
@@ -226,8 +226,40 @@ def test_another_number_of_modules_than_calibrated_is_refused_with_the_reason() 
     assert "2 modules" in bench.pipeline.problem()
 
 
+def test_an_uncalibrated_modules_noise_is_unknown_until_it_has_sent_enough() -> None:
+    bench, rng = Bench(VirtualFinger(modules=2)), np.random.default_rng(0)
+    bench.run(0.5)
+    bench.batches.clear()
+    for _ in range(120):
+        bench.now = bench.finger.next_due
+        bench.hear(bench.finger.measure(round(0.05 + 0.004 * rng.standard_normal(), 4)))
+    first, last = bench.batches[0], bench.batches[-1]
+    assert np.isnan(first.std).all()
+    assert (first.flags == Flag.STD_UNKNOWN).all()
+    np.testing.assert_allclose(last.std, 0.004, rtol=0.35)
+    assert not (last.flags & Flag.STD_UNKNOWN).any()
+    said = [bool(np.isnan(batch.std).all()) for batch in bench.batches]
+    assert said == sorted(said, reverse=True)
+    assert 10 < sum(said) < 60
+
+
+def test_a_range_beyond_the_calibrated_distances_is_flagged() -> None:
+    module = ModuleCalibration(offset=0.01, std=0.001, span=(0.02, 0.1))
+    bench = Bench(VirtualFinger(modules=1), Calibration(modules=(module,)))
+    bench.run(0.5)
+    bench.batches.clear()
+    for metres in (0.06, 0.06, 0.06, 0.02):
+        bench.now = bench.finger.next_due
+        bench.hear(bench.finger.measure(metres))
+    near, edge = bench.batches[-2], bench.batches[-1]
+    assert not (near.flags & Flag.BEYOND_CALIBRATION).any()
+    assert (edge.flags & Flag.BEYOND_CALIBRATION).all()
+    assert near.std == pytest.approx(0.001)
+    assert edge.std == pytest.approx(np.hypot(0.001, 0.002))
+
+
 def test_an_outlier_is_flagged_and_an_edge_only_once() -> None:
-    bench = Bench()
+    bench = Bench(calibration=Calibration(modules=(ModuleCalibration(std=0.0015),) * 6))
     bench.run(0.5)
     start = len(bench.batches)
     for metres in (0.030, 0.031, 0.085, 0.031, 0.030, 0.060, 0.061, 0.060):
@@ -255,14 +287,52 @@ def test_text_lines_have_times_without_pings_and_nothing_is_sent() -> None:
     assert list(itertools.chain(*(batch.sequence for batch in batches))) == list(range(29))
 
 
+@pytest.mark.parametrize("bytes_per_read", [1, 5, 100])
+def test_a_line_took_as_long_on_the_wire_as_its_own_bytes_however_they_are_read(bytes_per_read: int) -> None:
+    byte_time = 10 / 9600
+    pipeline = MeasurementPipeline(create_parser("millimetres"), byte_time, None, latency=0.0)
+    pipeline.on_port_opened(0.0)
+    line, batches = b"34.5 35.5 36.5 37.5\r\n", []
+    for k in range(20):
+        begin = 1.0 + k / 30
+        for start in range(0, len(line), bytes_per_read):
+            at = begin + min(start + bytes_per_read, len(line)) * byte_time
+            batches += pipeline.feed(line[start : start + bytes_per_read], at, UNIX + at)
+    begins = UNIX + 1.0 + np.arange(1, 20) / 30  # before the first line end, half a line may have come
+    late = np.concatenate([batch.t for batch in batches]) - begins
+    assert np.all((late > -1e-6) & (late <= bytes_per_read * byte_time))
+    assert np.ptp(late) < 1e-6
+
+
+def test_lines_in_one_read_were_sent_one_after_the_other() -> None:
+    byte_time = 10 / 9600
+    pipeline = MeasurementPipeline(create_parser("millimetres"), byte_time, None, latency=0.0)
+    pipeline.on_port_opened(0.0)
+    pipeline.feed(b"\n", 0.0, UNIX)
+    (batch,) = pipeline.feed(b"34 35\n36 37\n38 39\n", 1.0, UNIX + 1.0)
+    assert batch.t - UNIX == pytest.approx([1.0 - 6 * n * byte_time for n in (3, 2, 1)], abs=1e-6)
+
+
+def test_a_latency_that_is_stated_moves_the_times_of_a_finger_that_answers_pings() -> None:
+    finger = VirtualFinger()
+    bench = Bench(finger)
+    bench.pipeline = MeasurementPipeline(BinaryParser(), 0.0, None, latency=0.015)
+    bench.pipeline.on_port_opened(bench.now)
+    bench.run(3.0)
+    sequence = np.concatenate([batch.sequence for batch in bench.batches])
+    late = np.concatenate([batch.t for batch in bench.batches]) - UNIX - finger.time_of(sequence)
+    assert np.median(late) == pytest.approx(-0.015, abs=1e-3)
+    assert bench.pipeline.clock.latency == 0.015
+
+
 def test_lines_that_came_before_their_format_was_recognised_have_no_honest_time() -> None:
     pipeline = MeasurementPipeline(create_parser("auto"), 10 / 115_200, None)
     pipeline.on_port_opened(0.0)
     batches = []
     for k in range(40):
         at = 1.0 + k / 30
-        batches += pipeline.feed(b"\n34 35 36", at, UNIX + at)
-    assert pipeline.format_name == "millimetres"
+        batches += pipeline.feed(b"\ntof: 34 mm", at, UNIX + at)
+    assert pipeline.format_name == "tof: {range:mm} mm"
     assert pipeline.untimed > 5
     assert pipeline.measurements + pipeline.untimed == 39  # the last line is half
     assert sum(len(batch) + batch.lost for batch in batches) == 39
@@ -281,8 +351,8 @@ def test_another_format_on_the_same_line_is_another_device() -> None:
     batches = []
     for k in range(40):
         at = 1.0 + k / 30
-        batches += pipeline.feed(b"\n34 35", at, UNIX + at)
-    assert (pipeline.epoch, pipeline.format_name) == (1, "millimetres")
+        batches += pipeline.feed(b"\nd1: 34 mm d2: 35 mm", at, UNIX + at)
+    assert (pipeline.epoch, pipeline.format_name) == (1, "d1: {range:mm} mm d2: {range:mm} mm")
     assert pipeline.untimed >= 5
     assert {batch.epoch for batch in batches} == {1}
     assert {batch.modules for batch in batches} == {2}

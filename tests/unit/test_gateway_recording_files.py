@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import structlog
-from helpers.gateway_recordings import files_in, measured, recorded_in, sequence_in, series_in
+from helpers.gateway_recordings import files_in, log_in, measured, sequence_in, series_in
 from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.queue_items import BatchItem, EventItem, Item, StopItem
 from pretouch_sensor_gateway.recording.reader import RecordingReader
@@ -118,6 +118,17 @@ class TestRotation:
             series_in(tmp_path, device=device)
 
 
+def test_what_is_added_is_written_when_it_is_time_though_nothing_follows(tmp_path: Path) -> None:
+    files = RotatingFiles(tmp_path, "left", Limits(), structlog.get_logger(), commit_every=2.0)
+    assert files.write([measured(0)], 100.0).recorded == 1  # at once: whoever starts a recording sees the file
+    assert files.write([measured(1)], 100.5).recorded == 0
+    assert files.write([measured(2)], 101.9).recorded == 0
+    assert sequence_in(files_in(tmp_path)[0]) == [0]
+    assert files.write([], 102.0).recorded == 2
+    assert sequence_in(files_in(tmp_path)[0]) == [0, 1, 2]
+    assert files.write([measured(3), StopItem()], 102.1).recorded == 1
+
+
 class Disk:
     """Stands in for `os.write`: takes `free` bytes, then refuses with `error`."""
 
@@ -158,7 +169,7 @@ class TestFullDisk:
         assert [entry["event"] for entry in logs] == ["recording is paused", "recording goes on"]
         assert logs[1]["unrecorded"] == 100
         assert [sequence_in(path) for path in files_in(tmp_path)] == [[0], [101]]
-        assert "100 frames were not recorded" in " ".join(texts_in(files_in(tmp_path)[1]))
+        assert "100 frames were not recorded" in " ".join(log_in(files_in(tmp_path)[1]))
 
     def test_the_torn_record_is_cut_away_wherever_the_disk_is_full(self, tmp_path: Path, disk: Disk) -> None:
         for free in range(0, 800, 7):
@@ -256,7 +267,3 @@ def is_complete(path: Path) -> bool:
     reader = RecordingReader(path)
     list(reader)
     return reader.complete and reader.torn_bytes == 0
-
-
-def texts_in(path: Path) -> list[str]:
-    return [message.data.decode(errors="ignore") for message in recorded_in(path) if message.schema == "foxglove.Log"]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -19,6 +22,8 @@ from pretouch.geometry import Pose, rotation_from_quaternion
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import array_to_proto, pose_from_proto
 
+CLOUDS = [0, 3, 6, 9, 12, 15, 18, 24]
+"""The last frame of each cloud in the recording: one in 0.1 s, and one at the end."""
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("module", "u1"), ("status", "u1"), ("flags", "u1")])
 
 
@@ -60,12 +65,44 @@ def test_the_summary_tells_channels_schemas_and_counts(path: Path) -> None:
         for channel in summary.channels.values()
     } == {
         "/left/ranges": ("pretouch.v1.RangeBatch", "protobuf", "protobuf", 21),
-        "/left/points": ("foxglove.PointCloud", "protobuf", "protobuf", 21),
+        "/left/points": ("foxglove.PointCloud", "protobuf", "protobuf", len(CLOUDS)),
         "/left/configuration": ("pretouch.v1.DeviceConfiguration", "protobuf", "protobuf", 1),
         "/left/tf": ("foxglove.FrameTransforms", "protobuf", "protobuf", 1),
         "/left/log": ("foxglove.Log", "protobuf", "protobuf", 3),
     }
     assert summary.statistics.message_end_time == round((T0 + 1) * 1e9)
+
+
+def test_every_chunk_is_compressed_and_indexed(path: Path) -> None:
+    """Readers that seek, Foxglove's and Rerun's, see only what the indexes name."""
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert len(summary.chunk_indexes) == summary.statistics.chunk_count == 2  # two writes held batches
+    assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
+    with_messages = {channel for chunk in summary.chunk_indexes for channel in chunk.message_index_offsets}
+    assert with_messages == set(summary.channels)
+    assert sum(chunk.compressed_size for chunk in summary.chunk_indexes) < 0.5 * sum(
+        chunk.uncompressed_size for chunk in summary.chunk_indexes
+    )
+
+
+def test_reruns_converter_reads_every_message(path: Path, tmp_path: Path) -> None:
+    rerun = shutil.which("rerun")
+    if rerun is None:
+        pytest.skip("SKIPPED: Rerun is not installed (pip install rerun-sdk)")
+    converted = tmp_path / "recording.rrd"
+    subprocess.run([rerun, "mcap", "convert", path, "-o", converted], check=True, capture_output=True)
+    printed = subprocess.run([rerun, "rrd", "print", "-v", converted], check=True, capture_output=True, text=True)
+    rows: Counter[str] = Counter()
+    for count, columns in re.findall(r"with (\d+) rows .* data columns: \[(.*)\]", printed.stdout):
+        rows.update({column.split("@")[1]: int(count) for column in columns.split()})
+    assert rows["pretouch.v1.RangeBatch:message"] == 21
+    assert rows["Points3D:positions"] == len(CLOUDS)
+    assert rows["pretouch.v1.DeviceConfiguration:message"] == 1
+    assert rows["Transform3D:translation"] == MODULES
+    assert rows["TextLog:text"] == 3
 
 
 def test_every_checksum_is_right(path: Path) -> None:
@@ -74,7 +111,7 @@ def test_every_checksum_is_right(path: Path) -> None:
     kinds = Counter(type(record).__name__ for record in records)
     (data_end,) = (record for record in records if isinstance(record, DataEnd))
     assert data_end.data_section_crc != 0  # 0 would mean: not checked
-    assert kinds["Message"] == 21 + 21 + 1 + 1 + 3
+    assert kinds["Message"] == 21 + len(CLOUDS) + 1 + 1 + 3
     assert kinds["Footer"] == 1
 
 
@@ -87,7 +124,7 @@ def test_the_points_are_where_the_modules_beams_end(path: Path) -> None:
     clouds = of(path, "/left/points")
     modules = [pose_from_proto(pose, "") for pose in made_configuration().tip_t_module]
     expected = [pose.apply([0.0, 0.0, 0.01 * (k + 1)]) for k, pose in enumerate(modules)][:-1]  # the last one missed
-    for cloud, frames in [(clouds[0], 1), (clouds[20], 5)]:
+    for cloud, frames in zip(clouds, np.diff([-1, *CLOUDS]), strict=True):
         points = points_of(cloud)
         np.testing.assert_allclose(np.stack([points["x"], points["y"], points["z"]], 1), expected * frames, atol=1e-7)
         np.testing.assert_array_equal(points["module"], list(range(MODULES - 1)) * frames)
@@ -97,7 +134,7 @@ def test_the_points_are_where_the_modules_beams_end(path: Path) -> None:
 
 def test_clouds_have_the_time_of_their_last_frame(path: Path) -> None:
     found = [(time, message) for topic, time, message in decoded(path) if topic == "/left/points"]
-    assert [time for time, _ in found] == [round((T0 + k / 30.0) * 1e9) for k in [*range(20), 24]]
+    assert [time for time, _ in found] == [round((T0 + k / 30.0) * 1e9) for k in CLOUDS]
     assert all(cloud.timestamp.ToNanoseconds() == time for time, cloud in found)
 
 

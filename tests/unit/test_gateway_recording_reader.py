@@ -8,7 +8,16 @@ from pathlib import Path
 
 import pytest
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorSet
-from helpers.gateway_recordings import RANGES, batches_in, files_in, made_batch, made_configuration, measured, series_in
+from helpers.gateway_recordings import (
+    RANGES,
+    T0,
+    batches_in,
+    files_in,
+    made_batch,
+    made_configuration,
+    measured,
+    series_in,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.stream_reader import StreamReader
@@ -98,12 +107,12 @@ def test_files_that_other_tools_have_chunked_are_read(tmp_path: Path, compressio
     batches = [made_batch(k).SerializeToString() for k in range(50)]
     path.write_bytes(written(batches, schema_of(Channel.RANGES), chunk_size=2000, compression=compression))
     assert batches_in(path) == batches
-    assert check_recording(path) is not None
+    check_recording(path)
 
 
 class TestCheck:
     def test_a_recording_gives_its_configuration(self, whole: Path) -> None:
-        assert check_recording(whole) == made_configuration()
+        assert check_recording(whole) == (made_configuration(), T0)
 
     def test_a_torn_recording_will_do_as_long_as_a_batch_is_whole(self, whole: Path, tmp_path: Path) -> None:
         torn = tmp_path / "torn.mcap"
@@ -119,7 +128,7 @@ class TestCheck:
         path.write_text("t,range\n0,1\n")
         assert_refused(path, "no MCAP file")
         path.write_bytes(b"")
-        assert_refused(path, "holds no ranges")
+        assert_refused(path, "cut off before its first batch")
         path.write_bytes(written([b""], schema_of(Channel.LOG), name="foxglove.Log"))
         assert_refused(path, "holds no ranges")
         path.write_bytes(written([b""], b"no descriptors"))

@@ -11,8 +11,10 @@ import pytest
 from helpers.gateway_recordings import T0, batches_in, files_in, made_batch, made_configuration, measured, series_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pretouch_sensor_gateway.recording.channels import Channel, Entry
+from pretouch_sensor_gateway.recording.file import RecordingFile
 from pretouch_sensor_gateway.recording.limits import Limits
-from pretouch_sensor_gateway.recording.player import LONGEST_GAP, Pace, PlaybackState, RecordingPlayer
+from pretouch_sensor_gateway.recording.player import LONGEST_GAP, PlaybackState, Played, RecordingPlayer
 from pretouch_sensor_gateway.recording.queue_items import BatchItem, ConfigurationItem, StopItem
 
 from pretouch.v1 import common_pb2
@@ -93,9 +95,10 @@ async def moments(path: Path, busy: float = 0.0) -> list[float]:
     """When each batch is delivered, s since the first; the listener takes `busy` s for each."""
     watch, delivered = Watch(), []
 
-    def deliver(batch: pb.RangeBatch) -> None:
-        delivered.append(watch.now)
-        watch.now += busy
+    def deliver(message: Played) -> None:
+        if isinstance(message, pb.RangeBatch):
+            delivered.append(watch.now)
+            watch.now += busy
 
     await RecordingPlayer(path, deliver, clock=watch, sleep=watch.sleep).run()
     return [moment - delivered[0] for moment in delivered]
@@ -126,18 +129,13 @@ class TestEnds:
         source, played = await play(path)
         assert len(played) == 600
         assert (source.state, source.problem) == (PlaybackState.ENDED, "")
-        assert source.configuration == made_configuration()
 
-    async def test_the_configuration_is_there_with_the_batches_it_holds_for(self, tmp_path: Path) -> None:
+    async def test_configurations_stand_before_the_batches_they_hold_for(self, tmp_path: Path) -> None:
         files = series_in(tmp_path)
         files.write([measured(0), ConfigurationItem(made_configuration(2), T0), measured(1), StopItem()], 0.0)
-        seen = []
-        source = RecordingPlayer(
-            files_in(tmp_path)[0], lambda _: seen.append(len(source.configuration.tip_t_module)), Pace.AT_ONCE
-        )
-        assert (source.state, source.configuration) == (PlaybackState.WAITING, None)
-        await source.run()
-        assert seen == [0, 2]
+        seen: list[Played] = []
+        await RecordingPlayer(files_in(tmp_path)[0], seen.append, sleep=no_time).run()
+        assert seen == [pb.DeviceConfiguration(), made_batch(0), made_configuration(2), made_batch(1)]
 
     async def test_a_torn_recording_plays_what_is_there_and_says_so(self, tmp_path: Path) -> None:
         path = recording_of(tmp_path, [made_batch(k) for k in range(10)], ended=False)
@@ -162,13 +160,13 @@ class TestEnds:
             assert text in source.problem
 
     async def test_a_damaged_batch_is_left_out_and_counted(self, tmp_path: Path) -> None:
-        path = recording_of(tmp_path, [made_batch(k) for k in range(3)])
-        content, batch = path.read_bytes(), made_batch(1).SerializeToString()
-        assert content.count(batch) == 1
-        path.write_bytes(content.replace(batch, b"\xff" * len(batch)))
-        source, played = await play(path)
-        assert played == [made_batch(0), made_batch(2)]
-        assert source.state is PlaybackState.ENDED
+        file = RecordingFile(tmp_path / "x.mcap", "left")
+        contents = [made_batch(0).SerializeToString(), b"\xff" * 9, made_batch(2).SerializeToString()]
+        for k, content in enumerate(contents):
+            file.add(Entry(Channel.RANGES, k, content))
+        file.finish()
+        source, played = await play(file.path)
+        assert [batch.SerializeToString() for batch in played] == contents[::2]
         assert "1 of its messages" in source.problem
 
     async def test_it_can_be_cancelled_anywhere(self, tmp_path: Path) -> None:
@@ -198,8 +196,12 @@ def recording_of(root: Path, batches: list[pb.RangeBatch], ended: bool = True) -
 
 
 async def play(path: Path) -> tuple[RecordingPlayer, list[pb.RangeBatch]]:
-    """The source after it has played all at once, and what it played."""
-    played: list[pb.RangeBatch] = []
-    source = RecordingPlayer(path, played.append, Pace.AT_ONCE)
-    await source.run()
-    return source, played
+    """The player after it has played all, and the batches that it played."""
+    played: list[Played] = []
+    player = RecordingPlayer(path, played.append, sleep=no_time)
+    await player.run()
+    return player, [message for message in played if isinstance(message, pb.RangeBatch)]
+
+
+async def no_time(_: float) -> None:
+    """Waits for nothing."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_sensor_gateway.device_statistics import DeviceStatistics
-from pretouch_sensor_gateway.jump_detector import MAX_STEP, JumpDetector
+from pretouch_sensor_gateway.jump_detector import SIGMAS, JumpDetector
 from pretouch_sensor_gateway.range_batch import RangeBatch
 from pretouch_sensor_gateway.subscription_queue import QUEUE_MEASUREMENTS, SubscriptionQueue
 
@@ -16,7 +17,7 @@ from pretouch_sensor_gateway.subscription_queue import QUEUE_MEASUREMENTS, Subsc
 def batch(first: int, count: int = 1, lost: int = 0, metres: float = 0.03) -> RangeBatch:
     row, codes = np.full((count, 2), metres), np.zeros((count, 2), dtype=np.uint8)
     sequence = np.arange(first, first + count, dtype=np.uint32)
-    return RangeBatch(np.arange(count) * 1.0, 0.001, sequence, 0, row, row, codes, codes, lost)
+    return RangeBatch(np.arange(count) * 1.0, 0.001, sequence, 0, row, row, codes, codes, lost, row.astype(np.float32))
 
 
 @given(st.lists(st.tuples(st.integers(1, 300), st.integers(0, 5), st.booleans()), max_size=60))
@@ -60,17 +61,16 @@ def test_a_batch_is_packed_once_and_comes_back_the_same() -> None:
 
 @given(st.lists(st.one_of(st.none(), st.floats(0.01, 0.2)), max_size=50))
 def test_a_jump_is_far_from_what_was_believed_and_two_agreeing_ranges_are_believed(values: list[float | None]) -> None:
-    jumps = JumpDetector()
+    jumps, std = JumpDetector(), 0.0015
     believed: float | None = None
     before: float | None = None  # the last range, believed or not
     for value in values:
-        metres = np.array([np.nan if value is None else value])
-        flagged = bool(jumps.detect(metres, np.array([7 if value is None else 0], dtype=np.uint8))[0])
+        (flagged,) = jumps.detect(0.0, [math.nan if value is None else value], [std])
         if value is None:
             assert not flagged
             continue
-        near_believed = believed is None or abs(value - believed) <= MAX_STEP
-        near_before = before is not None and abs(value - before) <= MAX_STEP
+        near_believed = believed is None or abs(value - believed) <= SIGMAS * std
+        near_before = before is not None and abs(value - before) <= SIGMAS * std
         assert flagged == (not near_believed and not near_before)
         if not flagged:
             believed = value

@@ -15,6 +15,7 @@ RETIRED = (
     "kit",
     "tally",
     "succession",
+    "intake",
     "utils",
     "misc",
     "evidence",

@@ -90,6 +90,7 @@ requests = st.builds(
         beam_half_angle=st.floats(0, 0.7),
         rate=st.floats(0.1, 10_000),
         tip_T_module=st.lists(poses, min_size=1, max_size=3).map(tuple),
+        range_bias_std=st.floats(0, 0.1),
     ),
     scan=st.builds(ScanSettings, st.floats(0.02, 0.09), st.floats(0.001, 10), st.booleans()),
     proposer=st.none() | st.sampled_from(Proposer),

@@ -6,23 +6,20 @@
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator
+from abc import abstractmethod
+from collections.abc import Generator, Iterator
 from contextlib import closing
-from typing import Generic, Self
 
-from pretouch.client.api import AnswerT, Call, MessageT, ResultT, SessionApi, SessionPage
-from pretouch.client.arguments import check_event_id, check_timeout, failing_as
+from pretouch.client.api import AnswerT, MessageT, SessionApi, SessionPage
+from pretouch.client.arguments import check_event_id, failing_as
 from pretouch.client.events import QUIET, Event, StreamProgress, stream_broken
 from pretouch.client.images import ImageLike
-from pretouch.client.retries import Attempts
-from pretouch.errors import Conflict, DeadlineExceeded, Internal, InvalidInput, PretouchError
+from pretouch.client.synchronous.calls import REPORT, SyncCalls
+from pretouch.errors import DeadlineExceeded, Internal, PretouchError
 from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
 
-_REPORT = "Report it, with the error that it came from."
 
-
-class SyncClient(ABC, Generic[MessageT, AnswerT]):
+class SyncClient(SyncCalls[MessageT, AnswerT]):
     """A client of the orchestrator; `with` closes it.
 
     Every method takes a `timeout` in seconds for the whole call, retries included, and raises the errors of
@@ -30,20 +27,8 @@ class SyncClient(ABC, Generic[MessageT, AnswerT]):
     """
 
     def __init__(self, api: SessionApi[MessageT, AnswerT], timeout: float) -> None:
+        super().__init__(timeout)
         self._api = api
-        self._timeout = check_timeout(timeout)
-        self._reached = False
-        self._closed = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Closes the connections; calls under way and later ones raise `Conflict`."""
-        self._closed = True
 
     def create_session(
         self,
@@ -136,34 +121,11 @@ class SyncClient(ABC, Generic[MessageT, AnswerT]):
                     time.sleep(progress.delay_after(error, self._reached))
 
     def _events_of_one_stream(self, session_id: str, after: int) -> Generator[Event]:
-        with failing_as(Internal, "The event stream failed", _REPORT):
+        with failing_as(Internal, "The event stream failed", REPORT):
             with closing(self._listen(session_id, after)) as events:
                 for event in events:
                     self._reached = True
                     yield event
-
-    def _run(self, build: Callable[[], Call[MessageT, AnswerT, ResultT]], timeout: float | None) -> ResultT:
-        attempts = Attempts(self._timeout if timeout is None else check_timeout(timeout))
-        with failing_as(InvalidInput, "The call's arguments cannot be sent", "See the method's description."):
-            call = build()
-        while True:
-            try:
-                self._check_open()
-                with failing_as(Internal, "The call failed", _REPORT):
-                    answer = self._send(call.message, attempts.remaining())
-                    self._reached = True
-                    return call.parse(answer)
-            except PretouchError as error:
-                self._check_open(error)
-                time.sleep(attempts.delay_after(error, self._reached))
-
-    def _check_open(self, error: PretouchError | None = None) -> None:
-        if self._closed:
-            raise Conflict("The client is closed.", "Open another one.") from error
-
-    @abstractmethod
-    def _send(self, message: MessageT, seconds: float) -> AnswerT:
-        """Sends one message and returns its answer within `seconds`."""
 
     @abstractmethod
     def _listen(self, session_id: str, after: int) -> Generator[Event]:

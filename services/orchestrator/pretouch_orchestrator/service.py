@@ -30,6 +30,7 @@ from pretouch_orchestrator.upstream.addresses import Addresses
 from pretouch_orchestrator.upstream.clients import DetectorClient, GatewayClient, RegistrarClient
 from pretouch_orchestrator.upstream.connection import UpstreamConnection
 from pretouch_orchestrator.upstream.copies import Copies
+from pretouch_orchestrator.upstream.devices import Devices
 
 
 @asynccontextmanager
@@ -58,11 +59,11 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
         detector = await connect("detector", settings.detector, detector_pb2_grpc.DetectorServiceStub)
         registrar = await connect("registrar", settings.registrar, registrar_pb2_grpc.RegistrarServiceStub)
         upstreams = [detector, registrar]
-        gateway = None
+        gateway = devices = None
         if settings.gateway is not None:
             address = Addresses((settings.gateway,))
             upstreams.append(await connect("sensor gateway", address, gateway_pb2_grpc.SensorGatewayServiceStub))
-            gateway = GatewayClient(upstreams[-1])
+            gateway, devices = GatewayClient(upstreams[-1]), Devices(upstreams[-1])
         loop = Loop(DetectorClient(detector), RegistrarClient(registrar), gateway, context.go_on_in_thread)
         upkeep = Upkeep(store, Limits(settings.keep, settings.max_store), context.log)
         sessions = SessionManager(store, loop, context, upkeep)
@@ -70,7 +71,7 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
         add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
         hosts = HostCheck(settings.rest_host, settings.allowed_hosts)
         context.readiness = _make_readiness_check(store, upstreams)
-        app = create_rest_app(sessions, context, context.readiness, hosts)
+        app = create_rest_app(sessions, context, context.readiness, hosts, devices)
         await stack.enter_async_context(serve_rest(app, settings, context))
         for work in (upkeep.run(), _end_streams_when_draining(sessions, context)):
             stack.push_async_callback(_stop, asyncio.create_task(work))

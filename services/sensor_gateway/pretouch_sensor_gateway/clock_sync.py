@@ -19,11 +19,17 @@ class Timestamp(NamedTuple):
 
 
 class ClockSync:
-    """The clocks of one device and of the host. Host times are seconds of `time.monotonic`."""
+    """The clocks of one device and of the host. Host times are seconds of `time.monotonic`.
 
-    def __init__(self) -> None:
+    Args:
+        latency: s from a measurement to the time in its frame, or to the begin of its line; None: not known, which is
+            nothing for a device that answers pings, and about half a period for one that prints lines.
+    """
+
+    def __init__(self, latency: float | None = None) -> None:
+        self._latency = latency or 0.0
         self._pings = PingClock()
-        self._arrivals = ArrivalClock()
+        self._arrivals = ArrivalClock(latency)
         self._wall = WallClock()
         self._std = float("nan")
 
@@ -52,11 +58,15 @@ class ClockSync:
             assert tracked.device_time is not None
             host = self._pings.host_time(tracked.device_time)
             assert host is not None
+            host = HostTime(host.at - self._latency, host.std)
         else:
             host = self._arrivals.host_time(tracked.at, tracked.transmission, tracked.device_time)
+            self._latency = self._arrivals.latency
         self._std = host.std
         return Timestamp(self._wall.unix(host.at), host.std)
 
     def state(self, synchronised: bool) -> ClockState:
         """How the clocks compare, for the device's status."""
-        return ClockState(synchronised, self._pings.drift, self._std, self._pings.round_trip, self._wall.jumps)
+        return ClockState(
+            synchronised, self._pings.drift, self._std, self._pings.round_trip, self._wall.jumps, self._latency
+        )

@@ -8,6 +8,7 @@ from math import isfinite
 
 import numpy as np
 
+from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch_sensor_gateway.range_batch import Flag, RangeBatch
 from pretouch_sensor_gateway.wire_formats.parser import OK
 
@@ -18,10 +19,11 @@ _RATE_SPAN = 5.0
 
 @dataclass
 class ModuleStatistics:
-    """Counts of one module since the gateway started, and its last range (m, NaN = none) and status."""
+    """Counts of one module since the gateway started, and its last range (m, NaN: none), status and what it means."""
 
     range: float = float("nan")
     status: int = 0
+    range_status: int = pb.RANGE_STATUS_UNSPECIFIED
     measurements: int = 0
     returns: int = 0
     jumps: int = 0
@@ -42,10 +44,11 @@ class DeviceStatistics:
         """Counts a batch that came at host time `at`, s."""
         while len(self.modules) < batch.modules:
             self.modules.append(ModuleStatistics())
-        rows = zip(batch.range.tolist(), batch.status.tolist(), (batch.flags & _JUMP).tolist(), strict=True)
+        meanings = batch.range_status.tolist()
+        rows = zip(batch.range.tolist(), batch.status.tolist(), meanings, (batch.flags & _JUMP).tolist(), strict=True)
         for row in rows:
-            for module, metres, status, jump in zip(self.modules, *row, strict=False):
-                module.range, module.status = metres, status
+            for module, metres, status, meaning, jump in zip(self.modules, *row, strict=False):
+                module.range, module.status, module.range_status = metres, status, meaning
                 module.measurements += 1
                 module.returns += status == OK and isfinite(metres)
                 module.jumps += jump != 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +15,6 @@ from pretouch.tof import MAX_SAMPLES, STATUS_OK, RangeSamples
 from pretouch_sensor_gateway.measurements import Measurements
 from pretouch_sensor_gateway.pose_path import PoseAvailability, PosePath
 
-StdAt = Callable[[Array], Array]
-"""One standard deviation, m, of ranges (f, k), m, of a device's k modules."""
-
 
 @dataclass(frozen=True, eq=False)
 class FusedSamples:
@@ -29,7 +26,8 @@ class FusedSamples:
         directions: (n, 3) unit in base, where it points.
         points: (n, 3) m in base, where it was reflected; NaN for a miss.
         std: (n,) m, one standard deviation of the point: the range's noise along the beam, and the way that the point
-            moves within one standard deviation of the sample's time; NaN where there is no point.
+            moves within one standard deviation of the sample's time; NaN where there is no point, or the noise is not
+            known.
         flags: (n,) uint8, of `range_batch.Flag`.
         unposed: measurements dropped since the last call, because no two poses close enough enclose them.
     """
@@ -50,16 +48,23 @@ class Fusion:
 
     Args:
         tip_T_module: pose of each module in the tip's coordinate frame.
-        std_at: the noise of the device's ranges.
     """
 
-    def __init__(self, path: PosePath, tip_T_module: Sequence[Pose], std_at: StdAt) -> None:
+    def __init__(self, path: PosePath, tip_T_module: Sequence[Pose]) -> None:
         self._path = path
         self._tip_T_module = np.stack([pose.matrix for pose in tip_T_module])
-        self._std_at = std_at
+        self._pose_time_std = 0.0
         self._waiting = Measurements.empty()
         self._unposed = 0
         self._newest = -np.inf
+
+    def follow(self, path: PosePath, pose_time_std: float) -> None:
+        """Takes poses from `path` from now on, also for the measurements that wait.
+
+        Args:
+            pose_time_std: one standard deviation of the poses' times, s, common to all.
+        """
+        self._path, self._pose_time_std = path, pose_time_std
 
     def add(self, measurements: Measurements) -> None:
         """Adds measurements. If the number of modules changed, those that still wait are dropped.
@@ -70,7 +75,7 @@ class Fusion:
         if measurements.modules > len(self._tip_T_module):
             raise InvalidInput(
                 f"The device has {measurements.modules} modules; tip_t_module describes {len(self._tip_T_module)}.",
-                "Send the pose of each module in the first message, or configure them in the gateway.",
+                "Send the pose of each module in the first message of StreamPoints, or call Configure once.",
             )
         if measurements.modules == self._waiting.modules:
             measurements = Measurements.concatenate([self._waiting, measurements])
@@ -102,8 +107,8 @@ class Fusion:
         base_T_module = (samples.base_T_tip @ modules[samples.module]) if len(samples) else np.zeros((0, 4, 4))
         origins, directions = base_T_module[:, :3, 3], base_T_module[:, :3, 2]
         ranges = np.where(samples.status == STATUS_OK, samples.range, np.nan)
-        noise = self._std_at(measurements.range).ravel()
-        time_std = np.repeat(measurements.time_std, measurements.modules)
+        noise = measurements.std.ravel().astype(np.float64)
+        time_std = np.repeat(np.hypot(measurements.time_std, self._pose_time_std), measurements.modules)
         moved = _speed(measurements, ranges, modules, self._path) * time_std
         return FusedSamples(
             samples=samples,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 
+from pretouch_sensor_gateway.wire_formats.binary import INTERRUPT, encode
 from pretouch_sensor_gateway.wire_formats.messages import COUNTER_MODULUS, Identify, Message, Ping
 from pretouch_sensor_gateway.wire_formats.parser import Identity
 
@@ -18,16 +19,19 @@ PING_LIFETIME = 2.0
 class Handshake:
     """Decides when to send what. Times are host seconds of a clock that never steps.
 
+    Args:
+        number: of the ping before the first; None: drawn at random, so that replies to an earlier gateway match none.
+
     Attributes:
         next_send: when `take_due` has something to send; infinite before `start`.
         identity: what the device reported of itself since the last `start`; None if nothing.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, number: int | None = None) -> None:
         self.next_send = float("inf")
         self.identity: Identity | None = None
         self._sent: dict[int, float] = {}
-        self._number = random.getrandbits(32)
+        self._number = random.getrandbits(32) if number is None else number
         self._quick = 0
 
     def start(self, at: float) -> None:
@@ -42,7 +46,7 @@ class Handshake:
         if at < self.next_send:
             return []
         self._sent = {number: sent for number, sent in self._sent.items() if at - sent < PING_LIFETIME}
-        self._number = (self._number + 1) % COUNTER_MODULUS
+        self._number = _next_number(self._number)
         self._sent[self._number] = at
         requests: list[Message] = [Identify()] if self.identity is None else []
         self._quick = max(0, self._quick - 1)
@@ -52,3 +56,11 @@ class Handshake:
     def pop_sent(self, number: int) -> float | None:
         """When the ping of that sequence number was sent, the first time it is asked; None if no reply is awaited."""
         return self._sent.pop(number, None)
+
+
+def _next_number(number: int) -> int:
+    """The sequence number of the ping after the one of `number`: its frame does not hold `INTERRUPT`."""
+    number = (number + 1) % COUNTER_MODULUS
+    while INTERRUPT in encode(Ping(number)):
+        number = random.getrandbits(32)
+    return number

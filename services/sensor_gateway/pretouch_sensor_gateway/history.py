@@ -44,6 +44,7 @@ class History:
                 batch.range[index],
                 batch.status[index],
                 batch.flags[index],
+                batch.std[index],
             )
             self._count += 1
 
@@ -51,12 +52,17 @@ class History:
         """Remembers `path`, to which poses may still be appended."""
         self._paths.append(path)
 
+    def remove_path(self, path: PosePath) -> None:
+        """Forgets `path`, whose times turned out to be wrong."""
+        if path in self._paths:
+            self._paths.remove(path)
+
     def between(self, start: float, end: float) -> tuple[Measurements, list[PosePath]]:
         """Copies of the measurements between two Unix times, s, and of the paths, the newest path first."""
         rows = self._rows[: self._count]
         rows = rows[(rows["t"] >= max(start, self._newest() - SPAN)) & (rows["t"] <= end)]
         rows = rows[np.argsort(rows["t"], kind="stable")]
-        measurements = Measurements(rows["t"], rows["time_std"], rows["range"], rows["status"], rows["flags"])
+        measurements = Measurements(*(rows[name] for name in _COLUMNS))
         return measurements, [path.between(start, end) for path in reversed(self._paths)]
 
     def _newest(self) -> float:
@@ -72,6 +78,9 @@ class History:
             self._count = size
 
 
+_COLUMNS = ("t", "time_std", "range", "status", "flags", "std")
+
+
 def _row(modules: int) -> np.dtype[np.void]:
     return np.dtype(
         [
@@ -80,5 +89,6 @@ def _row(modules: int) -> np.dtype[np.void]:
             ("range", "f8", (modules,)),
             ("status", "u1", (modules,)),
             ("flags", "u1", (modules,)),
+            ("std", "f4", (modules,)),
         ]
     )

@@ -6,7 +6,7 @@ bytes ─▶ parser ─▶ sequence tracker ─▶ clock sync ─▶ batch build
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from pretouch_sensor_gateway.batch_builder import BatchBuilder
@@ -39,6 +39,7 @@ class MeasurementPipeline:
         parser: of the device's wire format.
         byte_time: s that a byte takes on the wire; 0 where that is not known.
         calibration: of its modules, and perhaps of one board only.
+        latency: s from a measurement to the time in its frame, or to the begin of its line; None: not known.
 
     Attributes:
         measurements: given in batches so far. Any other good one is still held, or counted as untimed or refused.
@@ -47,14 +48,16 @@ class MeasurementPipeline:
         epoch: number of the boot session: how often the device was seen to restart.
     """
 
-    def __init__(self, parser: Parser, byte_time: float, calibration: Calibration | None) -> None:
+    def __init__(
+        self, parser: Parser, byte_time: float, calibration: Calibration | None, latency: float | None = None
+    ) -> None:
         self.measurements = self.lost = self.untimed = self.epoch = 0
         self._refused: Counter[Refusal] = Counter()
         self._parser = parser
         self._byte_time = byte_time
         self._batch_builder = BatchBuilder(calibration)
         self._handshake = Handshake()
-        self._clock_sync = ClockSync()
+        self._clock_sync = ClockSync(latency)
         self._tracker = SequenceTracker()
         self._last_format = parser.name
         self._session_start = 0.0
@@ -111,7 +114,7 @@ class MeasurementPipeline:
 
     def calibrate(self, calibration: Calibration | None) -> None:
         """Calibrates ranges by `calibration` from now on."""
-        self._batch_builder.calibration = calibration
+        self._batch_builder.calibrate(calibration)
 
     def on_port_opened(self, at: float) -> None:
         """The port is open: the handshake starts over, and a half-received message is void."""
@@ -127,8 +130,8 @@ class MeasurementPipeline:
     def feed(self, data: bytes, at: float, unix: float) -> list[RangeBatch]:
         """The batches that `data` completes, read at host time `at`, s, which was Unix time `unix`, s."""
         self._clock_sync.observe_host(at, unix)
-        transmission = len(data) * self._byte_time
-        for message in self._parse(data):
+        messages = self._parse(data)
+        for message, transmission in zip(messages, self._measure_transmissions(messages), strict=True):
             match message:
                 case Measurement() if self._needs_confirmation(at):
                     self._unconfirmed.append(ReceivedMeasurement(message, at, transmission))
@@ -173,6 +176,11 @@ class MeasurementPipeline:
         self.untimed += early
         self._unreported += early
         return messages[early:]
+
+    def _measure_transmissions(self, messages: Sequence[DeviceMessage]) -> list[float]:
+        """Seconds from the first byte of each message to the last byte of the last, all completed by one read."""
+        sizes = [message.size if isinstance(message, Measurement) else 0 for message in messages]
+        return [sum(sizes[k:]) * self._byte_time for k in range(len(sizes))]
 
     def _needs_confirmation(self, at: float) -> bool:
         """Whether this may be another board than before, whose boot number, sequence and clock happen to fit."""
@@ -252,7 +260,8 @@ class MeasurementPipeline:
                 self._uncalibrated_modules = modules
                 continue
             times = [self._clock_sync.timestamp(one, self._parser.two_way) for one in tracked]
-            batch = self._batch_builder.build(tracked, times, self.epoch, at - self._session_start, self._unreported)
+            age = at - self._session_start
+            batch = self._batch_builder.build(tracked, times, self.epoch, age, self._unreported, self._parser.name)
             self._unreported = self._uncalibrated_modules = 0
             self.measurements += len(batch)
             yield batch

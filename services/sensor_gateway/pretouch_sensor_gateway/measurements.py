@@ -22,6 +22,7 @@ class Measurements:
         range: (f, k) m, NaN where a module had none.
         status: (f, k) uint8, 0 is good.
         flags: (f, k) uint8, of `range_batch.Flag`.
+        std: (f, k) float32, m, one standard deviation of each range; NaN where it is not known.
     """
 
     t: Array
@@ -29,17 +30,20 @@ class Measurements:
     range: Array
     status: NDArray[np.uint8]
     flags: NDArray[np.uint8]
+    std: NDArray[np.float32]
 
     @staticmethod
     def from_batch(batch: RangeBatch) -> Measurements:
         """All of a batch."""
-        return Measurements(batch.t, np.full(len(batch), batch.time_std), batch.range, batch.status, batch.flags)
+        time_std = np.full(len(batch), batch.time_std)
+        return Measurements(batch.t, time_std, batch.range, batch.status, batch.flags, batch.std)
 
     @staticmethod
     def empty(modules: int = 0) -> Measurements:
         """No measurement at all."""
         codes = np.zeros((0, modules), dtype=np.uint8)
-        return Measurements(np.zeros(0), np.zeros(0), np.zeros((0, modules)), codes, codes)
+        ranges = np.zeros((0, modules))
+        return Measurements(np.zeros(0), np.zeros(0), ranges, codes, codes, ranges.astype(np.float32))
 
     @staticmethod
     def concatenate(parts: Sequence[Measurements]) -> Measurements:
@@ -50,12 +54,18 @@ class Measurements:
             np.concatenate([part.range for part in parts]),
             np.concatenate([part.status for part in parts]),
             np.concatenate([part.flags for part in parts]),
+            np.concatenate([part.std for part in parts]),
         )
 
     def select(self, which: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Measurements:
         """Those measurements."""
         return Measurements(
-            self.t[which], self.time_std[which], self.range[which], self.status[which], self.flags[which]
+            self.t[which],
+            self.time_std[which],
+            self.range[which],
+            self.status[which],
+            self.flags[which],
+            self.std[which],
         )
 
     def __len__(self) -> int:

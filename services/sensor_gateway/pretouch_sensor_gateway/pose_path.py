@@ -8,7 +8,6 @@ from enum import Enum
 
 import numpy as np
 
-from pretouch.errors import InvalidInput
 from pretouch.geometry import Array, Pose
 from pretouch.trajectory import Trajectory
 
@@ -38,23 +37,15 @@ class PosePath:
         """Unix time of the newest pose, s; None before the first."""
         return self._t[-1] if self._t else None
 
-    def append(self, t: float, base_T_tip: Pose) -> None:
-        """Adds a pose; one of the same time as the newest is ignored.
-
-        Raises:
-            InvalidInput: `t`, s, is before the newest pose.
-        """
+    def append(self, t: float, base_T_tip: Pose) -> bool:
+        """Adds the pose at `t`, s, unless the newest is as new; returns False if that is newer."""
         if self._t and t <= self._t[-1]:
-            if t == self._t[-1]:
-                return
-            raise InvalidInput(
-                f"A tip pose is of {t:.6f} s, {self._t[-1] - t:.6f} s before the one sent ahead of it.",
-                "Send tip poses in the order of time.",
-            )
+            return t == self._t[-1]
         if len(self._t) == MAX_POSES:
             del self._t[: MAX_POSES // 10], self._matrices[: MAX_POSES // 10]
         self._t.append(t)
         self._matrices.append(base_T_tip.matrix)
+        return True
 
     def availability(self, t: float) -> PoseAvailability:
         """Whether the path has a pose at `t`, s: never extrapolated, nor interpolated across more than `MAX_GAP`."""

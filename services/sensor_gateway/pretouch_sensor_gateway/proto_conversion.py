@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from pretouch.wire.common import array_to_proto, samples_to_proto
+from pretouch.wire.common import array_to_proto, samples_to_proto, sensor_to_proto
 from pretouch_sensor_gateway.device import Device
-from pretouch_sensor_gateway.fusion import FusedSamples
+from pretouch_sensor_gateway.point_stream import FusedBatch
 from pretouch_sensor_gateway.recording.recorder import Recorder
 from pretouch_sensor_gateway.source import DeviceState, SourceStatus
 
@@ -17,17 +17,22 @@ _STATES = {
 }
 
 
-def points_to_proto(fused: FusedSamples, lost: int, overrun: int) -> pb.StreamPointsResponse:
+def points_to_proto(batch: FusedBatch) -> pb.StreamPointsResponse:
+    fused = batch.fused
     return pb.StreamPointsResponse(
         samples=samples_to_proto(fused.samples),
         points=array_to_proto(fused.points, "f8"),
-        lost=lost,
+        lost=batch.lost,
         unposed=fused.unposed,
         origins=array_to_proto(fused.origins, "f8"),
         directions=array_to_proto(fused.directions, "f8"),
         std=array_to_proto(fused.std, "f8"),
         flags=array_to_proto(fused.flags, "u1"),
-        overrun=overrun,
+        overrun=batch.overrun,
+        now=batch.now,
+        out_of_order=batch.out_of_order,
+        clock_offset=batch.clock_offset,
+        clock_offset_std=batch.clock_offset_std,
     )
 
 
@@ -47,11 +52,13 @@ def device_to_proto(device: Device) -> pb.Device:
 
 def status_to_proto(device: Device) -> pb.GetStatusResponse:
     """A device's status as GetStatus reports it."""
-    status = device.status()
+    status, sensor = device.status(), device.sensor()
     source = status.source
     return pb.GetStatusResponse(
         device=device_to_proto(device),
         format=source.format,
+        unit=source.unit,
+        recent_lines=source.recent_lines,
         identity=_identity_to_proto(source),
         epoch=source.epoch,
         connections=source.connections,
@@ -63,6 +70,7 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
             drift=source.clock.drift,
             std=source.clock.std,
             round_trip=source.clock.round_trip,
+            latency=source.clock.latency,
         ),
         modules=[
             pb.ModuleStatus(
@@ -71,6 +79,7 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
                 measurements=module.measurements,
                 returns=module.returns,
                 jumps=module.jumps,
+                range_status=pb.RangeStatus.ValueType(module.range_status),
             )
             for module in status.modules
         ],
@@ -79,6 +88,8 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
         overrun=status.overrun,
         host_clock_jumps=source.clock.host_jumps,
         configuration=device.configuration(),
+        now=device.now(),
+        sensor=None if sensor is None else sensor_to_proto(sensor),
     )
 
 

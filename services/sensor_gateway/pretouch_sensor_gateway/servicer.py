@@ -69,8 +69,8 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
             await context.send_initial_metadata(())
             stream = PointStream(device, subscription, first, requests)
             async with aclosing(stream.fuse(self._context.draining)) as responses:
-                async for fused, lost, overrun in responses:
-                    yield points_to_proto(fused, lost, overrun)
+                async for batch in responses:
+                    yield points_to_proto(batch)
             if self._context.draining.is_set():
                 raise _explain_shutdown()
 
@@ -89,9 +89,11 @@ class SensorGatewayServicer(SensorGatewayServiceServicer):
             raise NotFound("The gateway has no device.", f"Start it with {VARIABLE}=name=port.")
         known = ", ".join(self._devices)
         if name == "" and len(self._devices) > 1:
-            raise InvalidInput(f"The gateway has {len(self._devices)} devices.", f"Name one of: {known}.")
+            raise InvalidInput(
+                f"The gateway has {len(self._devices)} devices.", f"Name one of {known}: ListDevices tells how each is."
+            )
         if name and name not in self._devices:
-            raise NotFound(f"There is no device {name!r}.", f"Name one of: {known}.")
+            raise NotFound(f"There is no device {name!r}.", f"Name one of {known}: ListDevices tells how each is.")
         return self._devices[name or next(iter(self._devices))]
 
 

@@ -30,6 +30,7 @@ class ClockState:
         std: one standard deviation of a measurement's time, s; NaN while unknown.
         round_trip: shortest round trip of the recent pings, s; 0 if there are none.
         host_jumps: how often the host's own clock was seen to jump.
+        latency: s that were subtracted for the time from a measurement to its line: as configured, or assumed.
     """
 
     synchronised: bool = False
@@ -37,6 +38,7 @@ class ClockState:
     std: float = float("nan")
     round_trip: float = 0.0
     host_jumps: int = 0
+    latency: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ class SourceStatus:
     Attributes:
         problem: what is wrong, "" if nothing is.
         format: the wire format in use, "" while it is not recognised.
+        unit: in which the device sends ranges, "" while that is not known.
+        recent_lines: what it sent last, in quotes and escaped, or in hexadecimal where it is no text.
         epoch: number of the boot session: how often the device was seen to restart.
         connections: how often the port was opened.
         measurements: delivered in batches.
@@ -57,6 +61,8 @@ class SourceStatus:
     state: DeviceState
     problem: str = ""
     format: str = ""
+    unit: str = ""
+    recent_lines: tuple[str, ...] = ()
     identity: Identity | None = None
     epoch: int = 0
     connections: int = 0

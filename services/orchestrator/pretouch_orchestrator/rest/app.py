@@ -27,6 +27,7 @@ from pretouch_orchestrator.rest import examples, models, openapi
 from pretouch_orchestrator.rest.admission import AdmissionMiddleware
 from pretouch_orchestrator.rest.body_limit import BodyLimit
 from pretouch_orchestrator.rest.decoding import hold_creation, read_document
+from pretouch_orchestrator.rest.devices import add_device_routes
 from pretouch_orchestrator.rest.docs_page import render_docs_page
 from pretouch_orchestrator.rest.head import HeadAsGet
 from pretouch_orchestrator.rest.hosts import HostCheck
@@ -35,6 +36,7 @@ from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEv
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
 from pretouch_orchestrator.rest.tracing import TracingMiddleware
 from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
+from pretouch_orchestrator.upstream.devices import Devices
 
 HEARTBEAT = 15.0
 """s without an event after which a comment is sent on an event stream."""
@@ -51,11 +53,13 @@ def create_rest_app(
     context: ServiceContext,
     check: Callable[[], Awaitable[None]],
     hosts: HostCheck | None = None,
+    devices: Devices | None = None,
 ) -> FastAPI:
     """The application.
 
     Args:
         check: raises `Unavailable` while the store or an upstream service is not available.
+        devices: of the sensor gateway; None where there is none.
         hosts: names by which it may be called; None: those of the loopback interface.
     """
     app = FastAPI(
@@ -74,6 +78,7 @@ def create_rest_app(
     answer_errors_as_problems(app, context)
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
+    add_device_routes(app, devices, context)
     _add_service_routes(app, context, check)
     add_login_routes(app, context)
     openapi.install_document(app, token=context.token_check.required)

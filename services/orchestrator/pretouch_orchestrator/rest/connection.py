@@ -18,6 +18,8 @@ PATIENCE = 20.0
 """s: how long the head of a request may take, or nothing be asked on a connection that is kept open."""
 LEAST_BYTES = 320 * 1024
 """What a peer must send of a body, or read of an answer, in every PATIENCE seconds that we wait for it."""
+SLOW_BODY = "pretouch.slow_body"
+"""Key of a request's scope, true where its body comes as a robot moves: a byte in every PATIENCE seconds is enough."""
 _LINGER = (
     1.0  # s that we go on reading after a refusal: a client whose connection closes while it writes may lose the answer
 )
@@ -55,7 +57,7 @@ class BoundedConnection(H11Protocol):
         if waits_for != self._waits_for:
             self._wait(waits_for, now)
         elif waits_for and now - self._waits_since > PATIENCE:
-            if self._moved < LEAST_BYTES or waits_for == "head":
+            if self._moved < (1 if waits_for == "poses" else LEAST_BYTES) or waits_for == "head":
                 self._end(waits_for)
             else:
                 self._wait(waits_for, now)
@@ -98,7 +100,9 @@ class BoundedConnection(H11Protocol):
         if self._unread or self.transport.is_closing() or self._refused:
             return "reading"
         if self.conn.their_state is h11.SEND_BODY:
-            return "" if self.flow.read_paused else "body"
+            if self.flow.read_paused:
+                return ""
+            return "poses" if self.cycle is not None and self.cycle.scope.get(SLOW_BODY) else "body"
         return "head" if self.idle else ""
 
     def _end(self, waited_for: str) -> None:

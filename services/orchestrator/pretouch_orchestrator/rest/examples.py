@@ -138,6 +138,23 @@ TELLINGS: dict[str, dict[str, Any]] = {
     "chunk": {"from": 46, **SUBMISSIONS["samples"]},
     "gateway": SUBMISSIONS["gateway"],
 }
+DEVICE: dict[str, Any] = {
+    "name": "finger",
+    "port": "/dev/serial/by-id/usb-Pretouch_Finger_0042-if00",
+    "state": "streaming",
+    "problem": None,
+    "measurements": 18420,
+    "refused": 0,
+    "lost": 2,
+}
+DEVICE_STATUS: dict[str, Any] = DEVICE | {
+    "format": "binary",
+    "rate": 30.0,
+    "now": 1767225600.0,
+    "clock": {"synchronised": True, "std": 0.0003, "latency": 0.0},
+    "modules": [{"range": 0.031, "range_status": "good", "status": 0}],
+}
+TIP_POSE: dict[str, Any] = {"t": 1767225600.0, "base_T_tip": SCAN_PLAN["waypoints"][0]["base_T_tip"]}
 DOCUMENTS: dict[str, list[dict[str, Any]]] = {
     "SessionRequest": [MINIMAL_REQUEST, COMPLETE_REQUEST],
     "Session": [CREATED, CONVERGED],
@@ -147,9 +164,18 @@ DOCUMENTS: dict[str, list[dict[str, Any]]] = {
     "Submission": list(SUBMISSIONS.values()),
     "Telling": list(TELLINGS.values()),
     "Health": [{"status": "ok"}],
+    "Device": [DEVICE],
+    "DeviceList": [{"devices": [DEVICE]}],
+    "DeviceStatus": [DEVICE_STATUS],
+    "TipPose": [TIP_POSE],
+    "PosesReport": [{"poses": 161, "out_of_order": 0, "samples": 48, "unposed": 1}],
 }
 """The examples of each schema."""
 EVENT = 'id: 4\nevent: end\ndata: {"state": "converged"}\n\n'
+RANGES = (
+    'event: ranges\ndata: {"t": [1767225600.0], "time_std": 0.0003, "epoch": 0, "sequence": [18420], '
+    '"range": [[0.031]], "range_status": [["good"]], "status": [[0]], "flags": [[0]], "lost": 0, "overrun": 0}\n\n'
+)
 METRIC = (
     "# TYPE pretouch_orchestrator_sessions_created_total counter\npretouch_orchestrator_sessions_created_total 3.0\n"
 )

@@ -62,6 +62,7 @@ Sensor = derive_model(
     beam_half_angle=Annotated[float, Field(ge=0, lt=0.785)],
     rate=Annotated[float, Field(gt=0, le=10_000)],
     tip_T_module=Annotated[list[Pose], Field(min_length=1, max_length=256)],
+    range_bias_std=Annotated[float, Field(ge=0, le=0.1)],
 )
 ScanSettings = derive_model(
     session.ScanSettings, StrictModel, standoff=_Share, speed=Annotated[float, Field(gt=0, le=10)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from fastapi import FastAPI
@@ -11,13 +12,13 @@ from pydantic.json_schema import models_json_schema
 
 from pretouch import __version__
 from pretouch.errors import WIRE
-from pretouch_orchestrator.rest import examples, models
+from pretouch_orchestrator.rest import device_models, examples, models
 from pretouch_orchestrator.rest.admission import OPEN_PATHS
 from pretouch_orchestrator.rest.bodies import PARTS
 from pretouch_orchestrator.rest.problems import PROBLEM_TYPE
 
 _REFERENCE = "#/components/schemas/{model}"
-_REQUEST_MODELS = (models.SessionRequest,)
+_REQUEST_MODELS = (models.SessionRequest, device_models.TipPose)
 _RESPONSE_MODELS = (
     models.Session,
     models.SessionList,
@@ -25,6 +26,7 @@ _RESPONSE_MODELS = (
     models.ScanProgress,
     models.Problem,
     models.Health,
+    *device_models.MODELS,
 )
 _CHOICES: dict[str, tuple[Any, str]] = {
     "Submission": (models.Submission, "The result of a scan, in one of four forms."),
@@ -89,6 +91,14 @@ def describe_json_body(name: str) -> dict[str, Any]:
     """A JSON body of one of several forms, whose schema has this name."""
     schema = {"$ref": _REFERENCE.format(model=name)}
     return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
+
+
+def describe_lines_body(model: type[BaseModel], media_type: str) -> dict[str, Any]:
+    """A body of lines, each of which is a JSON document of the model; the example is of two."""
+    lines = "".join(f"{json.dumps(document)}\n" for document in examples.DOCUMENTS[model.__name__] * 2)
+    description = f"Lines, each of which is a JSON document: {model.__name__}."
+    content = {media_type: {"schema": {"type": "string", "description": description}, "example": lines}}
+    return {"requestBody": {"required": True, "content": content}}
 
 
 def install_document(app: FastAPI, *, token: bool) -> None:

@@ -18,6 +18,15 @@ IdempotencyKey = Annotated[
         description="A repeated key returns the session that the first call created.",
     ),
 ]
+DeviceName = Annotated[str, Path(description="Name of the gateway's device.")]
+ClockOffset = Annotated[
+    float | None,
+    Query(
+        allow_inf_nan=False,
+        description="The clock of the poses' times minus that of the gateway's host, in seconds, "
+        "which `GET /v1/devices/{name}` tells as `now`; left out: they are the same clock.",
+    ),
+]
 LastEventId = Annotated[str, Header(alias="Last-Event-ID", description="Only events after the one with this id.")]
 Limit = Annotated[int, Query(ge=1, le=MAX_PAGE, description="Largest number of sessions on the page.")]
 Cursor = Annotated[

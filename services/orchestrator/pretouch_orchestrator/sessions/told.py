@@ -97,7 +97,8 @@ def complete_from_gateway(record: Record, span: GatewaySpan, fetched: RangeSampl
     if len(whole) == 0:
         raise InvalidInput(
             f"The gateway has no samples from {span.start:.6f} to {span.end:.6f} s.",
-            "Give a span, by the clock of the gateway's host, during which the gateway was sent tip poses.",
+            "Send tip poses while the robot moves, to POST /v1/devices/{name}/poses or the gateway's StreamPoints, and "
+            "give a span of that time by the clock of the gateway's host.",
         )
     return whole
 

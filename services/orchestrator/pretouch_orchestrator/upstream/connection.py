@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncGenerator
 from typing import Any
 
 import grpc
@@ -80,6 +81,24 @@ class UpstreamConnection:
         finally:
             answer.cancel()
 
+    async def stream(self, method: str, request: Any) -> AsyncGenerator[Any]:
+        """The responses of a streaming method, for as long as they are read.
+
+        Args:
+            request: the request, or an asynchronous iterator of them.
+
+        Raises:
+            PretouchError: as `call`.
+        """
+        call = getattr(self._stub, method)(request, metadata=list(propagated().items()))
+        try:
+            async for response in call:
+                yield response
+        except grpc.aio.AioRpcError as failure:
+            raise self._explain(failure, _HEALTH_DEADLINE) from failure
+        finally:
+            call.cancel()
+
     async def check(self) -> None:
         """Raises `Unavailable` unless the copy reports that it serves."""
         if await self._check_health() != health_pb2.HealthCheckResponse.SERVING:
@@ -106,6 +125,8 @@ class UpstreamConnection:
                 "Start all services with the same token.",
             )
         if any(key == PROBLEM_METADATA_KEY for key, _ in failure.trailing_metadata() or ()):
+            return error
+        if failure.code() is grpc.StatusCode.INTERNAL:
             return error
         if isinstance(error, Unavailable):
             return Unreachable(

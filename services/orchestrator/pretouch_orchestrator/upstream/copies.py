@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from contextlib import aclosing, asynccontextmanager, suppress
 from typing import Any
 
 import structlog
@@ -107,6 +107,20 @@ class Copies:
                 raise failure
             await asyncio.sleep(delay)
             tried.clear()
+
+    async def stream(self, method: str, request: Any) -> AsyncGenerator[Any]:
+        """The responses of a streaming method of one copy, which is not called again.
+
+        Raises:
+            Unavailable: no copy is available.
+            PretouchError: the service's own error.
+        """
+        copy = self._choose(str(next(self._turn)).encode(), set())
+        if copy is None:
+            raise self._explain_absence()
+        async with aclosing(copy.stream(method, request)) as responses:
+            async for response in responses:
+                yield response
 
     async def check(self) -> None:
         """Raises `Unavailable` unless at least one copy reports that it serves."""

@@ -21,8 +21,6 @@ SURFACE_STD, TABLE_STD, EDGE_STD, RIM_STD = 0.0012, 0.0007, 0.0022, 0.001
 one of the surface at the silhouette."""
 _TABLE_SHARE, _RIM_SHARE = 0.7, 1.5
 """Shares of the camera's patch error that the table, whose plane is fitted, and the surface at its rim have."""
-_SCAN_BIAS = 0.0007
-"""m: error common to all ranges of a scan; real modules drift by 0.5 to 1 mm within a minute."""
 _SAMPLE_STD = 0.001
 """m: the model's error that is independent for each sample."""
 _MODULES_SHARED = 0.0015
@@ -48,7 +46,8 @@ _MERGED, _MERGED_TURN, _MERGED_MISS = (0.003, 0.004, 0.006, 0.008), 0.3, 0.05
 """m and rad: sizes of the places in which a thin beam's samples are merged if there are too many, and differences of
 direction; m along a miss: the place that counts."""
 _SYSTEMATIC, _CONE_SYSTEMATIC = 0.0005, 0.0028
-"""m: systematic error of the sensor, for a thin beam and a cone: its bias, and an error of the beam's direction."""
+"""m: systematic error of a sensor whose scans share a bias of the usual size, for a thin beam and a cone: the bias, and
+an error of the beam's direction. What a stated bias exceeds the usual one by is added."""
 _CAMERA_SHARE, _CAMERA_TURN = 1.1, 10.0
 """Systematic error of the camera, which shifts and turns what it sees: m and rad for each m of its patch error."""
 
@@ -287,7 +286,7 @@ def _is_wide(sensor: Sensor) -> bool:
 def compute_shared_error(sensor: Sensor, camera: CameraNoise) -> SharedError:
     """The error that samples share with their neighbours: of camera, scan, several modules, and the cone's model."""
     several = _MODULES_SHARED * (len(sensor.tip_T_module) > 1)
-    common, patch = float(np.linalg.norm([camera.patch, _SCAN_BIAS, several])), PATCH
+    common, patch = float(np.linalg.norm([camera.patch, sensor.range_bias_std, several])), PATCH
     if _is_wide(sensor):
         common, patch = float(np.hypot(common, _CONE_SHARED)), _CONE_PATCH
     return SharedError(float(np.hypot(sensor.range_std, _SAMPLE_STD)), common, patch)
@@ -354,7 +353,8 @@ def _compute_systematic_covariance(sensor: Sensor, camera: CameraNoise, prior: A
 
     It is at most a quarter of the prior's variance, which is given by its inverse `prior` (6,).
     """
-    own = _CONE_SYSTEMATIC if _is_wide(sensor) else _SYSTEMATIC
+    excess = max(sensor.range_bias_std**2 - Sensor.range_bias_std**2, 0.0) ** 0.5
+    own = float(np.hypot(_CONE_SYSTEMATIC if _is_wide(sensor) else _SYSTEMATIC, excess))
     shift, turn = float(np.hypot(own, _CAMERA_SHARE * camera.patch)), _CAMERA_TURN * camera.patch
     shared = np.minimum(np.array([turn**2] * 3 + [shift**2] * 3), 0.25 / prior)
     information = float(free_turn @ (prior * free_turn))

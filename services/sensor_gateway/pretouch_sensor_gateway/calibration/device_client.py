@@ -46,6 +46,7 @@ class DeviceClient:
     Attributes:
         name: what the gateway calls it.
         serial: of its board, hexadecimal; "" if it has none.
+        rate: measurements a second.
 
     Raises:
         Unavailable: the gateway does not answer, or the device sends nothing.
@@ -57,7 +58,7 @@ class DeviceClient:
         status = self._wait_until_streaming(device)
         self.name: str = status.device.name
         self.serial: str = status.identity.serial
-        self._rate = status.rate or (1 / status.identity.period if status.identity.period > 0 else _SLOWEST)
+        self.rate = status.rate or (1 / status.identity.period if status.identity.period > 0 else _SLOWEST)
 
     def _wait_until_streaming(self, device: str) -> pb.GetStatusResponse:
         """The device's status once it streams and, if its format allows that, has identified itself."""
@@ -89,7 +90,7 @@ class DeviceClient:
             Unavailable: not all of them came.
             InvalidInput: the gateway sent something inconsistent.
         """
-        timeout = 3 * count / self._rate + _TIMEOUT
+        timeout = 3 * count / self.rate + _TIMEOUT
         request = pb.StreamRangesRequest(device=self.name)
         parts: list[Array] = []
         got = 0

@@ -1,14 +1,19 @@
 """Saves and loads a calibration as a JSON file, which a person can read, and write with the first four members alone.
 
 {
- "version": 1,
+ "version": 2,
  "serial": "0102030405060708",
  "warm_up_s": 60.0,
+ "bias_std_m": 0.0006,                                           may be left out: not measured
  "modules": [
-  {"offset_m": 0.0031, "scale": 1.012, "crosstalk_per_m2": 0.0, "std_m": 0.0008, "std_slope": 0.011},
+  {"offset_m": 0.0031, "scale": 1.012, "crosstalk_per_m2": 0.0, "std_m": 0.0008, "std_slope": 0.011,
+   "residual_m": 0.0004, "span_m": [0.015, 0.1], "corrections_m": [[0.015, 0.0002], ...],       these may be left out
+   "mounting": {"tip_T_module": ..., ...}},                      see `mounting.py`; may be left out
   ...],
  "made": {"date": ..., "device": ..., "modules": [...]}          see `record.py`; may be left out
 }
+
+Version 1 had none of what may be left out but `made`, and is read.
 """
 
 from __future__ import annotations
@@ -20,13 +25,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pretouch.errors import InvalidInput, Malformed
-from pretouch.wire.reader import Members, prefix_errors, read_integer, read_number
-from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
+from pretouch.wire.reader import Members, prefix_errors, read_integer, read_number, read_numbers, read_text
+from pretouch_sensor_gateway.calibration.model import EVERYWHERE, Calibration, ModuleCalibration
+from pretouch_sensor_gateway.calibration.mounting import PARAMETERS, Mounting
 from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit, Point, StandardErrors
 
-VERSION = 1
+VERSION = 2
 MAX_BYTES = 4 * 1024 * 1024
+_READ = (1, 2)
 _MODULE = {
     "offset": "offset_m",
     "scale": "scale",
@@ -34,6 +43,7 @@ _MODULE = {
     "std": "std_m",
     "std_slope": "std_slope",
 }
+_MOUNTING = {"offset": "offset_m", "latency": "latency_s", "half_angle": "half_angle_rad", "decay": "decay_per_m"}
 _POINT = ("distance_m", "mean_m", "std_m", "samples", "outliers_m", "residual_m")
 _REMEDY = "Mend the file, or make a new one: pretouch gateway calibrate."
 
@@ -48,7 +58,8 @@ def save(path: Path, calibration: Calibration, record: CalibrationRecord | None 
         "version": VERSION,
         "serial": calibration.serial,
         "warm_up_s": calibration.warm_up,
-        "modules": [_rename_members(asdict(module)) for module in calibration.modules],
+        **({} if calibration.bias_std is None else {"bias_std_m": calibration.bias_std}),
+        "modules": [_module_to_json(module) for module in calibration.modules],
     }
     if record is not None:
         document["made"] = {
@@ -95,20 +106,63 @@ def _read(path: Path) -> tuple[Calibration, CalibrationRecord | None]:
         document = json.loads(data, parse_constant=_not_finite, object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
         raise Malformed(f"it is no JSON: {error}.") from error
-    members = Members(document, "", ("version", "serial", "warm_up_s", "modules", "made"))
+    members = Members(document, "", ("version", "serial", "warm_up_s", "bias_std_m", "modules", "made"))
     version = members.integer("version")
-    if version != VERSION:
-        raise InvalidInput(f"version is {version}; this pretouch reads version {VERSION}.")
+    if version not in _READ:
+        raise InvalidInput(f"version is {version}; this pretouch reads versions {_READ[0]} to {VERSION}.")
     modules = tuple(_module(item, f"modules[{k}]") for k, item in enumerate(members.items("modules")))
-    calibration = Calibration(members.text("serial"), members.number("warm_up_s"), modules)
+    bias = members.number("bias_std_m") if "bias_std_m" in members else None
+    calibration = Calibration(members.text("serial"), members.number("warm_up_s"), modules, bias)
     return calibration, _record(members, modules) if "made" in members else None
 
 
 def _module(value: object, path: str) -> ModuleCalibration:
-    members = Members(value, path, tuple(_MODULE.values()))
+    members = Members(value, path, (*_MODULE.values(), "residual_m", "span_m", "corrections_m", "mounting"))
     numbers = {name: members.number(member) for name, member in _MODULE.items()}
+    residual = members.number("residual_m") if "residual_m" in members else 0.0
+    start, end = members.numbers("span_m", 2) if "span_m" in members else EVERYWHERE
+    items = members.items("corrections_m") if "corrections_m" in members else []
+    pairs = [read_numbers(item, f"{path}.corrections_m[{n}]", 2) for n, item in enumerate(items)]
+    corrections = tuple((place, added) for place, added in pairs)
+    mounting = _mounting(members.get("mounting"), f"{path}.mounting") if "mounting" in members else None
     with prefix_errors(path):
-        return ModuleCalibration(**numbers)
+        return ModuleCalibration(
+            **numbers, residual=residual, corrections=corrections, span=(start, end), mounting=mounting
+        )
+
+
+def _mounting(value: object, path: str) -> Mounting:
+    members = Members(value, path, ("tip_T_module", *_MOUNTING.values(), "covariance", "unobserved"))
+    pose = members.pose("tip_T_module")
+    rows = members.items("covariance")
+    size = len(PARAMETERS)
+    covariance = [read_numbers(row, f"{path}.covariance[{n}]", size) for n, row in enumerate(rows)]
+    unobserved = tuple(read_text(item, f"{path}.unobserved[{n}]") for n, item in enumerate(members.items("unobserved")))
+    with prefix_errors(path):
+        numbers = {name: members.number(member) for name, member in _MOUNTING.items()}
+        return Mounting(pose, **numbers, covariance=np.array(covariance), unobserved=unobserved)
+
+
+def _mounting_to_json(mounting: Mounting) -> dict[str, Any]:
+    pose = mounting.tip_T_module
+    return {
+        "tip_T_module": {"translation": pose.translation.tolist(), "rotation": pose.quaternion.tolist()},
+        **{member: getattr(mounting, name) for name, member in _MOUNTING.items()},
+        "covariance": mounting.covariance.tolist(),
+        "unobserved": list(mounting.unobserved),
+    }
+
+
+def _module_to_json(module: ModuleCalibration) -> dict[str, Any]:
+    document: dict[str, Any] = {member: getattr(module, name) for name, member in _MODULE.items()}
+    document["residual_m"] = module.residual
+    if module.span != EVERYWHERE:
+        document["span_m"] = list(module.span)
+    if module.corrections:
+        document["corrections_m"] = [list(pair) for pair in module.corrections]
+    if module.mounting is not None:
+        document["mounting"] = _mounting_to_json(module.mounting)
+    return document
 
 
 def _record(document: Members, modules: tuple[ModuleCalibration, ...]) -> CalibrationRecord:
@@ -156,7 +210,7 @@ def _point(value: object, path: str) -> Point:
 def _fit_to_json(fit: ModuleFit) -> dict[str, Any]:
     return {
         "problem": fit.problem,
-        "standard_errors": _rename_members(asdict(fit.errors)),
+        "standard_errors": {_MODULE[name]: value for name, value in asdict(fit.errors).items()},
         "step_m": fit.step,
         "distances": [
             {
@@ -170,10 +224,6 @@ def _fit_to_json(fit: ModuleFit) -> dict[str, Any]:
             for point in fit.points
         ],
     }
-
-
-def _rename_members(values: dict[str, float]) -> dict[str, float]:
-    return {_MODULE[name]: value for name, value in values.items()}
 
 
 def _layout(value: Any, depth: int = 0) -> str:

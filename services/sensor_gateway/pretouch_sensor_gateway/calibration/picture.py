@@ -25,8 +25,8 @@ def write_picture(path: Path, calibration: Calibration, record: CalibrationRecor
     """Writes a .png with a row for each module.
 
     From left to right: reading minus distance with the fitted curve and the outliers; calibrated mean minus distance;
-    noise of the calibrated ranges with the fitted line; parameters with standard errors. Error bars are one standard
-    deviation of a single reading on the left, of the mean in the middle.
+    noise of the calibrated ranges with the fitted line, and with the curve's residual; parameters with standard errors.
+    Error bars are one standard deviation of a single reading on the left, of the mean in the middle.
 
     Raises:
         InvalidInput: another suffix, or a folder that cannot be written to.
@@ -52,7 +52,7 @@ def write_picture(path: Path, calibration: Calibration, record: CalibrationRecor
         panel.set_title(title, fontsize=10)
     for panel in panels[-1][:3]:
         panel.set_xlabel("distance of the plate [mm]")
-    figure.legend(handles=_legend(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
     board = f", board {calibration.serial}" if calibration.serial else ""
     figure.suptitle(f"{record.device}{board}, {record.date}", fontsize=11)
     try:
@@ -67,6 +67,7 @@ def _legend() -> list[Line2D]:
         Line2D([], [], color=_BEFORE, marker="o", ls="", label="measured"),
         Line2D([], [], color=_AFTER, label="model; calibrated"),
         Line2D([], [], color=_OUTLIER, marker="x", ls="", label="outlier, left out (triangle: beyond the axis)"),
+        Line2D([], [], color=_AFTER, ls=":", label="with the curve's residual"),
         Line2D([], [], color=_OUTLIER, ls="--", label="noise that rounding alone makes"),
     ]
 
@@ -106,7 +107,9 @@ def _draw_noise(panel: Any, fit: ModuleFit) -> None:
         1000 * r, 1000 * noise, 1000 * noise / np.sqrt(2 * counts), fmt="o", ms=3.5, lw=1, capsize=2, color=_BEFORE
     )
     dense = np.linspace(0, 1.05 * r.max(), 2)
-    panel.plot(1000 * dense, 1000 * fit.calibration.std_at(dense), lw=1.2, color=_AFTER)
+    module = fit.calibration
+    panel.plot(1000 * dense, 1000 * (module.std + module.std_slope * dense), lw=1.2, color=_AFTER)
+    panel.plot(1000 * r, 1000 * module.std_at(r), lw=1.2, ls=":", color=_AFTER)
     if fit.step:
         panel.axhline(1000 * fit.step / np.sqrt(12), lw=0.9, ls="--", color=_OUTLIER)
     panel.set_ylim(0, None)
@@ -133,7 +136,9 @@ def _parameters(fit: ModuleFit) -> str:
             f"crosstalk {module.crosstalk:8.2f} ± {errors.crosstalk:.2f} 1/m²",
             f"noise     {1000 * module.std:8.3f} ± {1000 * errors.std:.3f} mm",
             f"  + slope {1000 * module.std_slope:8.2f} ± {1000 * errors.std_slope:.2f} mm/m",
+            f"bend      {'yes' if module.corrections else 'no':>8}",
             f"residual  {rms:8.3f} mm rms",
+            f"  between {1000 * module.residual:8.3f} mm rms",
             f"readings  {sum(point.samples for point in fit.points):8d}",
             f"outliers  {sum(len(point.outliers) for point in fit.points):8d}",
         )

@@ -15,7 +15,10 @@ _SUSPICIOUS = 0.001
 
 
 def build_table(fits: Sequence[ModuleFit]) -> Table:
-    """A row for each module: values, below them one standard error; how far off its means are, before and after."""
+    """A row for each module: values, below them one standard error; how far off its means are, before and after.
+
+    Below that, how far off they are by a curve that was fitted without them: the residual.
+    """
     table = Table(box=SIMPLE_HEAD, padding=0, pad_edge=False)
     table.add_column("\n#", no_wrap=True)
     for title in (
@@ -43,7 +46,7 @@ def build_table(fits: Sequence[ModuleFit]) -> Table:
             f"{module.crosstalk:.1f}\n±{errors.crosstalk:.1f}" if module.crosstalk else "0",
             f"{1000 * module.std:.2f}\n±{1000 * errors.std:.2f}",
             f"{1000 * module.std_slope:.1f}",
-            f"{1000 * before:.1f} → {1000 * after:.1f}",
+            f"{1000 * before:.1f} → {1000 * after:.1f}\nnew {1000 * module.residual:.1f}",
             str(outliers),
         )
     return table
@@ -68,7 +71,7 @@ def _warn_of_unexplained(fits: Sequence[ModuleFit]) -> list[str]:
     found = []
     for k, fit in enumerate(fits):
         off = _rms([point.residual for point in fit.points])
-        noise = _rms([float(fit.calibration.std_at(np.array(point.distance))) for point in fit.points])
+        noise = _rms([fit.calibration.std + fit.calibration.std_slope * point.distance for point in fit.points])
         if off > max(_SUSPICIOUS, noise) and not fit.problem:
             found.append(f"Module {k}: the model is still {1000 * off:.1f} mm off; were the distances right?")
     return found

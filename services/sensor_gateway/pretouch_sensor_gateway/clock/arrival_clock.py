@@ -12,8 +12,9 @@ from pretouch_sensor_gateway.clock.ping_clock import HostTime
 class ArrivalClock:
     """Times of the lines of one boot session.
 
-    A line is assumed to have been measured at some unknown moment within the period before it began: hence half a
-    period earlier, with period / sqrt(12) as a standard deviation, the same for all lines.
+    A line is measured `latency` before it began. Where that is not known, it is assumed to have been measured at some
+    unknown moment within the period before: hence half a period earlier, with period / sqrt(12) as a standard
+    deviation, the same for all lines.
 
     - A line without a time of its own began when its last byte was read, less its time on the wire. The period is the
       median between two reads: lines that arrive in one read cannot be told apart. Delays add to the deviation: their
@@ -21,9 +22,17 @@ class ArrivalClock:
       latency timer, which need not show in the intervals.
     - A line that contains the device's time, taken when the line was made, began at that time, mapped to host time by
       the envelope of arrivals, and never after it arrived. The period is the median by the device's clock.
+
+    Args:
+        latency: s from a measurement to the begin of its line; None: not known.
+
+    Attributes:
+        latency: as given, or as it was last assumed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, latency: float | None = None) -> None:
+        self.latency = latency or 0.0
+        self._known = latency is not None
         self._reads = IntervalStatistics()
         self._made = IntervalStatistics()
         self._envelope = ArrivalEnvelope()
@@ -45,7 +54,10 @@ class ArrivalClock:
             self._envelope.observe(begin, device)
             expected, variance = self._envelope.at(device)
             begin, period = min(begin, expected), self._made.typical
-        return HostTime(begin - period / 2, sqrt(period * period / 12 + variance))
+        if not self._known:
+            self.latency = period / 2
+            variance += period * period / 12
+        return HostTime(begin - self.latency, sqrt(variance))
 
     def restart(self) -> None:
         """Forgets the device's clock, but not its period: the device restarted."""

@@ -20,13 +20,15 @@ from pretouch.interrupts import INTERRUPTED
 from pretouch.results import check_file
 from pretouch.v1.sensor_gateway_pb2_grpc import SensorGatewayServiceStub
 from pretouch_sensor_gateway.calibration.device_client import DeviceClient
-from pretouch_sensor_gateway.calibration.file import save
+from pretouch_sensor_gateway.calibration.drift import LEAST_SCANS, SCAN
+from pretouch_sensor_gateway.calibration.file import load, save
 from pretouch_sensor_gateway.calibration.model import MAX_WARM_UP, Calibration
 from pretouch_sensor_gateway.calibration.readings import split_by_module
 from pretouch_sensor_gateway.calibration.record import CalibrationRecord, ModuleFit
 from pretouch_sensor_gateway.calibration.session import Plan, Session
 from pretouch_sensor_gateway.calibration.table import build_table, remarks
 from pretouch_sensor_gateway.command.defaults import DEFAULT_GATEWAY
+from pretouch_sensor_gateway.command.measure_drift import measure_drift_through
 from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD
 
 _LEAST_AFTER_INTERRUPTION = 2
@@ -58,6 +60,17 @@ def calibrate(
             "come sooner after the device's start.",
         ),
     ] = 60.0,
+    drift: Annotated[
+        bool,
+        typer.Option(
+            "--drift",
+            help="Measure drift and warm-up instead, at one target that stands still, from the moment the device is "
+            "switched on; added to the calibration in --out.",
+        ),
+    ] = False,
+    minutes: Annotated[
+        float, typer.Option(min=LEAST_SCANS * SCAN / 60, max=24 * 60, help="With --drift: how long to measure.")
+    ] = 20.0,
     out: Annotated[Path, typer.Option(help="Where the calibration goes.")] = Path("calibration.json"),
     report: Annotated[Path, typer.Option(help="Where the picture of the fit goes, a .png file.")] = Path(
         "calibration.png"
@@ -70,10 +83,17 @@ def calibrate(
 ) -> None:
     """Calibrate a finger's modules with a plate at known distances."""
     plan = Plan(_parse_distances(distances), samples, warm_up)
+
+    def run(stub: Any) -> None:
+        if drift:
+            measure_drift_through(stub, device, minutes, out, apply)
+        else:
+            calibrate_through(stub, device, plan, out, report, apply, port)
+
     os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # gRPC's own messages would disturb the prompts
     if port is None:
         with open_sync_channel(gateway or DEFAULT_GATEWAY, token, tls_ca, tls_cert, tls_key) as channel:
-            calibrate_through(SensorGatewayServiceStub(channel), device, plan, out, report, apply)
+            run(SensorGatewayServiceStub(channel))
         return
     if gateway is not None or device or apply:
         raise InvalidInput(
@@ -82,7 +102,7 @@ def calibrate(
     from pretouch_sensor_gateway.command.local_gateway import run_local_gateway
 
     with run_local_gateway(port, wire_format, baud) as address, open_sync_channel(address) as channel:
-        calibrate_through(SensorGatewayServiceStub(channel), device, plan, out, report, apply, port)
+        run(SensorGatewayServiceStub(channel))
 
 
 def calibrate_through(
@@ -124,7 +144,8 @@ def calibrate_through(
     fits = tuple(
         fit_module({distance: column[k] for distance, column in columns.items()}) for k in range(session.modules)
     )
-    calibration = Calibration(client.serial, plan.warm_up, tuple(each.calibration for each in fits))
+    modules = tuple(each.calibration for each in fits)
+    calibration = Calibration(client.serial, plan.warm_up, modules, _drift_so_far(out, client.serial))
     record = CalibrationRecord(datetime.now(UTC).isoformat(timespec="seconds"), client.name, fits)
     save(out, calibration, record)
     console.print(build_table(fits))
@@ -143,6 +164,15 @@ def calibrate_through(
     else:
         console.print("To use it, configure a gateway:")
     console.print(f"\n{_configuration_lines(client.name, out, port)}", markup=False, soft_wrap=True)
+
+
+def _drift_so_far(out: Path, serial: str) -> float | None:
+    """What --drift has found for this board: it stays in the file that is replaced."""
+    try:
+        before, _ = load(out)
+    except InvalidInput:
+        return None
+    return before.bias_std if before.serial == serial else None
 
 
 def _import_fit() -> tuple[Callable[..., ModuleFit], Callable[..., None]]:

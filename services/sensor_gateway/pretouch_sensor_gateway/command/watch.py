@@ -67,7 +67,7 @@ def watch(
 
     with run_local_gateway(port, wire_format, baud) as address:
         watched = asyncio.run(_watch(Access(address), "", seconds))
-    if not any(each.trace.modules for each in watched.devices):
+    if not any(each.readings for each in watched.devices):
         problems = [each.status.device.problem for each in watched.devices if each.status.device.problem]
         raise Unavailable(" ".join(problems) or f"No range came from {port}.", "Check the port and what is on it.")
 

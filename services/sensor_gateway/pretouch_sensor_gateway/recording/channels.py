@@ -14,19 +14,24 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.v1.recording_pb2 import RecordedTipPoses
 
 
 class Channel(Enum):
     """A channel of a recording: the last part of its topic, and the message that it carries."""
 
     RANGES = ("ranges", pb.RangeBatch)
-    """The batches as subscribers got them: all that a replay needs."""
+    """The batches as subscribers got them."""
     CONFIGURATION = ("configuration", pb.DeviceConfiguration)
     """At the start of each file, and whenever it changes."""
+    TIP_POSES = ("tip_poses", RecordedTipPoses)
+    """The tip poses that StreamPoints was sent."""
     POINTS = ("points", PointCloud)
-    """The points that reflected the beams, to view in Foxglove."""
+    """The points that reflected the beams, in the tip's coordinate frame, to view."""
+    BASE_POINTS = ("base_points", PointCloud)
+    """The points that StreamPoints answered, in base, to view."""
     TRANSFORMS = ("tf", FrameTransforms)
-    """The modules in the tip's coordinate frame, to view in Foxglove; along with the configuration."""
+    """To view: the modules in the tip's coordinate frame, along with the configuration, and the tip in base."""
     LOG = ("log", Log)
     """Events of the device."""
 

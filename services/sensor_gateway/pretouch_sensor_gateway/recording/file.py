@@ -1,6 +1,6 @@
 """One MCAP file being written.
 
-The file is not chunked, and every commit is one write to the operating system: however the process ends, everything
+Every commit ends a compressed chunk and is one write to the operating system: however the process ends, everything
 committed is in the file, and readers of truncated files recover it. Only `finish` adds the summary and footer.
 """
 
@@ -13,15 +13,20 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from google.protobuf.message import Message
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
 from pretouch_sensor_gateway.recording.channels import Channel, Entry, schema_of
 
-_RECORD_BYTES = 31
-"""What MCAP adds to a message: opcode, length, channel, sequence and two times."""
-_END_BYTES = sum(len(schema_of(channel)) for channel in Channel) + 2048
-"""More than the end of a file takes: schemas again, channels, statistics, footer."""
+_RECORD_BYTES = 48
+"""More than MCAP adds to a message: its head (31 bytes), and its place in the index (16)."""
+_CHUNK_BYTES = 512
+"""More than MCAP adds to a chunk: its head and its indexes' heads, and its entry in the summary."""
+_DEFAULT_CHUNK = 2**20
+"""Bytes after which MCAP's writer ends a chunk by itself."""
+_SCHEMA_BYTES = sum(len(schema_of(channel)) for channel in Channel) + 2048
+"""More than schemas, channels, statistics and footer take."""
 
 
 class RecordingFile:
@@ -41,10 +46,14 @@ class RecordingFile:
         self.path = path
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._buffer = _Buffer()
-        self._writer = Writer(self._buffer, use_chunking=False, enable_data_crcs=True)
+        self._writer = Writer(self._buffer, enable_data_crcs=True)
         self._writer.start(library="pretouch")
-        self._channels = {channel: self._register(channel, device) for channel in Channel}
+        self._device = device
+        self._channels: dict[Channel, int] = {}
+        self._schemas: dict[type[Message], int] = {}
         self._sequence = dict.fromkeys(Channel, 0)
+        self._chunks = 0
+        self._added = _SCHEMA_BYTES  # bytes at most of the next commit
 
     @property
     def size(self) -> int:
@@ -52,14 +61,16 @@ class RecordingFile:
 
     def size_with(self, entries: Sequence[Entry]) -> int:
         """Bytes at most of the file if it ended after `entries`."""
-        return self._buffer.tell() + sum(len(entry.data) + _RECORD_BYTES for entry in entries) + _END_BYTES
+        more = sum(_size_at_most(entry) for entry in entries)
+        chunks = self._chunks + 1 + (self._added + more) // _DEFAULT_CHUNK
+        return self.size + self._added + more + chunks * _CHUNK_BYTES + _SCHEMA_BYTES
 
     def add(self, entry: Entry) -> None:
         """Adds `entry` to the next commit."""
-        self._writer.add_message(
-            self._channels[entry.channel], entry.time, entry.data, entry.time, self._sequence[entry.channel]
-        )
+        channel, sequence = self._register(entry.channel), self._sequence[entry.channel]
+        self._writer.add_message(channel, entry.time, entry.data, entry.time, sequence)
         self._sequence[entry.channel] += 1
+        self._added += _size_at_most(entry)
 
     def commit(self) -> None:
         """Writes all added entries.
@@ -67,6 +78,34 @@ class RecordingFile:
         Raises:
             OSError: not all could be written; the file is truncated to where it ended before.
         """
+        if not self._added:
+            return
+        self._chunks += 1 + self._added // _DEFAULT_CHUNK
+        self._added = 0
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._write()
+
+    def finish(self) -> None:
+        """Adds summary and footer, and closes the file.
+
+        Raises:
+            OSError: likewise; what was committed before is in the file.
+        """
+        self.commit()
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._write()
+        descriptor, self._descriptor = self._descriptor, -1
+        os.close(descriptor)
+
+    def abandon(self) -> None:
+        """Closes the file as it is, and deletes it if nothing was committed."""
+        with suppress(OSError):
+            os.close(self._descriptor)
+        if not self.size:
+            with suppress(OSError):
+                self.path.unlink()
+
+    def _write(self) -> None:
         data = self._buffer.getvalue()
         try:
             if os.fstat(self._descriptor).st_nlink == 0:
@@ -80,30 +119,22 @@ class RecordingFile:
             raise
         self._buffer.drop_committed(len(data))
 
-    def finish(self) -> None:
-        """Adds summary and footer, and closes the file.
-
-        Raises:
-            OSError: likewise; what was committed before is in the file.
-        """
-        self.commit()
-        self._writer.finish()  # type: ignore[no-untyped-call]
-        self.commit()
-        descriptor, self._descriptor = self._descriptor, -1
-        os.close(descriptor)
-
-    def abandon(self) -> None:
-        """Closes the file as it is, and deletes it if nothing was committed."""
-        with suppress(OSError):
-            os.close(self._descriptor)
-        if not self.size:
-            with suppress(OSError):
-                self.path.unlink()
-
-    def _register(self, channel: Channel, device: str) -> int:
+    def _register(self, channel: Channel) -> int:
+        """The number of the channel, which is registered with its first message."""
         message = channel.message
-        schema = self._writer.register_schema(message.DESCRIPTOR.full_name, SchemaEncoding.Protobuf, schema_of(channel))
-        return self._writer.register_channel(channel.topic(device), MessageEncoding.Protobuf, schema)
+        if message not in self._schemas:
+            name, schema = message.DESCRIPTOR.full_name, schema_of(channel)
+            self._schemas[message] = self._writer.register_schema(name, SchemaEncoding.Protobuf, schema)
+        if channel not in self._channels:
+            topic = channel.topic(self._device)
+            self._channels[channel] = self._writer.register_channel(
+                topic, MessageEncoding.Protobuf, self._schemas[message]
+            )
+        return self._channels[channel]
+
+
+def _size_at_most(entry: Entry) -> int:
+    return len(entry.data) + len(entry.data) // 256 + _RECORD_BYTES
 
 
 class _Buffer(io.BytesIO):

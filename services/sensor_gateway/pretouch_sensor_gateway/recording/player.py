@@ -11,8 +11,9 @@ from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
-from pretouch.errors import InvalidInput
+from pretouch.errors import InvalidInput, PretouchError
 from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.v1.recording_pb2 import RecordedTipPoses
 from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
 from pretouch_sensor_gateway.recording.validation import CONFIGURATION, RANGES, check_ranges
 
@@ -20,12 +21,9 @@ LONGEST_GAP = 10.0
 """Longest pause between two batches, s: longer gaps in the recording are shortened to this."""
 _READ_AHEAD = 256
 
-
-class Pace(Enum):
-    """The pace at which a recording is played."""
-
-    AS_RECORDED = "the time between two batches is that between their last frames"
-    AT_ONCE = "as fast as it can be read"
+Played = pb.RangeBatch | pb.DeviceConfiguration | RecordedTipPoses
+"""What a recording is played from; what else is in it can be computed again."""
+_TIP_POSES = RecordedTipPoses.DESCRIPTOR.full_name
 
 
 class PlaybackState(Enum):
@@ -38,38 +36,36 @@ class PlaybackState(Enum):
 
 
 class RecordingPlayer:
-    """Delivers the batches of a recording, bit for bit as subscribers of the device got them.
+    """Delivers the batches of a recording, bit for bit as subscribers of the device got them, at their pace.
+
+    Configurations and tip poses are delivered where they stand between the batches.
 
     Args:
         path: the file; if it contains several devices, the first is played.
-        deliver: called on the event loop with each batch.
-        pace: at which batches are delivered.
+        deliver: called on the event loop with each message; a PretouchError says that it is damaged.
         clock: a steady clock, s.
         sleep: waits for that clock, s.
 
     Attributes:
         state: of the playback.
-        configuration: the last recorded one; set before the batches for which it holds are delivered.
         problem: what is wrong, "" if nothing is; a truncated recording is reported once all of it was played.
     """
 
     def __init__(
         self,
         path: Path,
-        deliver: Callable[[pb.RangeBatch], None],
-        pace: Pace = Pace.AS_RECORDED,
+        deliver: Callable[[Played], None],
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.state = PlaybackState.WAITING
-        self.configuration: pb.DeviceConfiguration | None = None
         self.problem = ""
         self._path = path
         self._deliver = deliver
-        self._pace = pace
         self._clock = clock
         self._sleep = sleep
-        self._topic = ""
+        self._device = ""  # the first part of the topics
+        self._began = False
         self._unreadable = 0
         self._due = self._time = 0.0
 
@@ -90,31 +86,36 @@ class RecordingPlayer:
             self._end(reader)
 
     async def _play(self, message: Recorded) -> None:
+        if message.schema not in (CONFIGURATION, RANGES, _TIP_POSES):
+            return
+        device = message.topic.rpartition("/")[0]
+        self._device = self._device or device
+        if device != self._device:
+            return
+        if message.schema == RANGES and not self._began:
+            check_ranges(message, self._path)
+            self._began = True
+            self._due, self._time = self._clock(), message.time / 1e9
         try:
             if message.schema == CONFIGURATION:
-                self.configuration = pb.DeviceConfiguration.FromString(message.data)
-            elif message.schema == RANGES:
-                if not self._topic:
-                    check_ranges(message, self._path)
-                    self._topic = message.topic
-                    self._due, self._time = self._clock(), message.time / 1e9
-                if message.topic == self._topic:
-                    batch = pb.RangeBatch.FromString(message.data)
-                    await self._sleep(self._delay(message.time / 1e9))
-                    self._deliver(batch)
-        except DecodeError:
+                self._deliver(pb.DeviceConfiguration.FromString(message.data))
+            elif message.schema == _TIP_POSES:
+                self._deliver(RecordedTipPoses.FromString(message.data))
+            else:
+                batch = pb.RangeBatch.FromString(message.data)
+                await self._sleep(self._delay(message.time / 1e9))
+                self._deliver(batch)
+        except (DecodeError, PretouchError):
             self._unreadable += 1
 
     def _delay(self, t: float) -> float:
         """Seconds until a batch of the recorded time `t`, s, is due."""
-        if self._pace is Pace.AT_ONCE:
-            return 0.0
         self._due += min(max(t - self._time, 0.0), LONGEST_GAP)
         self._time = t
         return max(self._due - self._clock(), 0.0)
 
     def _end(self, reader: RecordingReader) -> None:
-        if not self._topic:
+        if not self._began:
             self._fail(f"{self._path} holds no batch of ranges.")
             return
         problems = []

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch.v1.recording_pb2 import RecordedTipPoses
+from pretouch_sensor_gateway.fusion import FusedSamples
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,20 @@ class ConfigurationItem:
 
 
 @dataclass(frozen=True)
+class TipPosesItem:
+    """Tip poses of a StreamPoints call, at least one."""
+
+    poses: RecordedTipPoses
+
+
+@dataclass(frozen=True)
+class PointsItem:
+    """Samples that a StreamPoints call answered, at least one."""
+
+    fused: FusedSamples
+
+
+@dataclass(frozen=True)
 class EventItem:
     """An event at Unix time `at`, s."""
 
@@ -36,4 +52,4 @@ class StopItem:
     """The end of the recording, until the next batch."""
 
 
-Item = BatchItem | ConfigurationItem | EventItem | StopItem
+Item = BatchItem | ConfigurationItem | TipPosesItem | PointsItem | EventItem | StopItem

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import os
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
-from typing import Any
 
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Schema
-from mcap.stream_reader import breakup_chunk
-from mcap.writer import MCAP0_MAGIC
+from mcap.exceptions import InvalidMagic
+from mcap.records import Channel, Footer, Message, Schema
+from mcap.stream_reader import MAGIC_SIZE, StreamReader
 
 from pretouch.errors import InvalidInput
-
-_HEAD = struct.Struct("<BQ")  # of a record: opcode, length
-_READ = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK}
 
 
 @dataclass(frozen=True)
@@ -44,7 +36,7 @@ class Recorded:
 class RecordingReader:
     """Iterates over the messages of an MCAP file, chunked or not, in the order of the file.
 
-    The iteration ends at the first record that cannot be read; `torn_bytes` counts the rest of the file.
+    The iteration ends at the first record or chunk that cannot be read; `torn_bytes` counts the rest of the file.
 
     Attributes:
         complete: whether the file was finished; known at the end of the iteration.
@@ -62,61 +54,38 @@ class RecordingReader:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
 
-    def schemas(self) -> set[str]:
-        """Names of the schemas found so far."""
-        return {schema.name for schema in self._schemas.values()}
-
     def __iter__(self) -> Iterator[Recorded]:
         self.complete = False
         with self._path.open("rb") as stream:
-            size = os.fstat(stream.fileno()).st_size
-            magic = stream.read(len(MCAP0_MAGIC))
-            if not MCAP0_MAGIC.startswith(magic):
-                raise InvalidInput(f"{self._path} is no MCAP file.", "Give a recording of the gateway.")
-            whole = len(magic) if magic == MCAP0_MAGIC else 0
-            while not self.complete:
-                head = stream.read(_HEAD.size)
-                if len(head) < _HEAD.size:
-                    break
-                opcode, length = _HEAD.unpack(head)
-                if opcode == 0 or length > size - whole - _HEAD.size:  # a lost power supply may leave zeros
-                    break
-                if opcode in _READ:
-                    try:
-                        messages = self._read(opcode, stream.read(length))
-                    except Exception:  # every decoder and decompressor has its own for bytes that it cannot read
-                        break
-                    yield from messages
-                else:
-                    stream.seek(length, os.SEEK_CUR)
-                whole += _HEAD.size + length
-                if opcode == Opcode.FOOTER and stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
-                    whole += len(MCAP0_MAGIC)
-                    self.complete = True
-            self.torn_bytes = size - whole
+            size = self.torn_bytes = os.fstat(stream.fileno()).st_size
+            records = StreamReader(stream, validate_crcs=True, record_size_limit=size).records
+            while True:
+                try:
+                    record = next(records, None)
+                except InvalidMagic as error:
+                    if stream.tell() > MAGIC_SIZE:
+                        return
+                    raise InvalidInput(f"{self._path} is no MCAP file.", "Give a recording of the gateway.") from error
+                except OSError:
+                    raise
+                except Exception:  # every decoder and decompressor has its own for bytes that it cannot read
+                    return
+                match record:
+                    case None:
+                        self.complete, self.torn_bytes = True, size - stream.tell()
+                        return
+                    case Schema():
+                        self._schemas[record.id] = record
+                    case Channel():
+                        self._channels[record.id] = record
+                    case Message():
+                        yield self._recorded(record)
+                    case Footer():
+                        continue  # whole only with the magic that follows
+                self.torn_bytes = size - stream.tell()
 
-    def _read(self, opcode: int, content: bytes) -> list[Recorded]:
-        stream = ReadDataStream(BytesIO(content))
-        match opcode:
-            case Opcode.SCHEMA:
-                return self._note(Schema.read(stream))
-            case Opcode.CHANNEL:
-                return self._note(Channel.read(stream))
-            case Opcode.MESSAGE:
-                return self._note(Message.read(stream, len(content)))
-            case _:
-                records = breakup_chunk(Chunk.read(stream), validate_crc=True)
-                return [message for record in records for message in self._note(record)]
-
-    def _note(self, record: Any) -> list[Recorded]:
-        match record:
-            case Schema():
-                self._schemas[record.id] = record
-            case Channel():
-                self._channels[record.id] = record
-            case Message():
-                channel = self._channels[record.channel_id]
-                schema = self._schemas.get(channel.schema_id)
-                name, described = (schema.name, schema.data) if schema else ("", b"")
-                return [Recorded(channel.topic, name, described, record.log_time, record.data)]
-        return []
+    def _recorded(self, message: Message) -> Recorded:
+        channel = self._channels[message.channel_id]
+        schema = self._schemas.get(channel.schema_id)
+        name, described = (schema.name, schema.data) if schema else ("", b"")
+        return Recorded(channel.topic, name, described, message.log_time, message.data)

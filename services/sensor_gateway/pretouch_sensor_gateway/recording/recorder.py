@@ -9,7 +9,15 @@ from dataclasses import dataclass
 import structlog
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from pretouch_sensor_gateway.recording.queue_items import BatchItem, ConfigurationItem, EventItem, Item, StopItem
+from pretouch_sensor_gateway.recording.queue_items import (
+    BatchItem,
+    ConfigurationItem,
+    EventItem,
+    Item,
+    PointsItem,
+    StopItem,
+    TipPosesItem,
+)
 from pretouch_sensor_gateway.recording.rotating_files import RotatingFiles
 
 QUEUE_BATCHES = 1024
@@ -99,6 +107,11 @@ class Recorder:
         """
         self._enqueue(ConfigurationItem(configuration, at))
 
+    def record_fusion(self, item: TipPosesItem | PointsItem) -> None:
+        """Records tip poses or the points that came of them, unless the disk hangs."""
+        if self._on and len(self._items) < 4 * QUEUE_BATCHES:
+            self._enqueue(item)
+
     def record_event(self, text: str, at: float) -> None:
         """Records an event at Unix time `at`, s."""
         if self._on:
@@ -118,13 +131,14 @@ class Recorder:
             )
 
     def write_pending(self, now: float) -> None:
-        """Writes everything queued so far; called by the writer thread, `now` in s of any steady clock."""
+        """Passes everything queued so far, perhaps nothing, to the files; `now` in s of any steady clock.
+
+        Called by the writer thread.
+        """
         with self._lock:
             items, self._items = self._items, []
             overflowed, self._overflowed = self._overflowed, 0
             self._batches = 0
-        if not items:
-            return
         if overflowed:
             self._log.warning("the disk is too slow to record all", frames=overflowed)
             last = max(index for index, item in enumerate(items) if isinstance(item, BatchItem))

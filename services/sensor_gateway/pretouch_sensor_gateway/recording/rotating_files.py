@@ -14,11 +14,21 @@ from pretouch_sensor_gateway.recording.encoder import Encoder
 from pretouch_sensor_gateway.recording.file import RecordingFile
 from pretouch_sensor_gateway.recording.folder import Folder
 from pretouch_sensor_gateway.recording.limits import Limits
-from pretouch_sensor_gateway.recording.queue_items import BatchItem, ConfigurationItem, EventItem, Item, StopItem
+from pretouch_sensor_gateway.recording.queue_items import (
+    BatchItem,
+    ConfigurationItem,
+    EventItem,
+    Item,
+    PointsItem,
+    StopItem,
+    TipPosesItem,
+)
 
 RETRY_AFTER = 10.0
 """Seconds to wait after a write failed before the next try."""
 _KEPT_EVENTS = 64
+_KEPT_POSES = 64
+"""Messages of tip poses kept until there is a file."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +52,14 @@ class RotatingFiles:
         problem: why nothing is recorded, "" if nothing is wrong.
     """
 
-    def __init__(self, root: Path, device: str, limits: Limits, log: structlog.typing.FilteringBoundLogger) -> None:
+    def __init__(
+        self,
+        root: Path,
+        device: str,
+        limits: Limits,
+        log: structlog.typing.FilteringBoundLogger,
+        commit_every: float,
+    ) -> None:
         self.problem = ""
         self._folder = Folder(root, device)
         self._device = device
@@ -54,7 +71,9 @@ class RotatingFiles:
         self._started = False
         self._finished_bytes = self._count_bytes()
         self._events: deque[Entry] = deque(maxlen=_KEPT_EVENTS)
-        self._retry_at = -float("inf")
+        self._poses: deque[list[Entry]] = deque(maxlen=_KEPT_POSES)  # with which the next file starts
+        self._commit_every = commit_every
+        self._commit_at = self._retry_at = -float("inf")
         self._recorded = self._unrecorded = self._uncommitted = self._missed = 0
 
     @property
@@ -69,7 +88,7 @@ class RotatingFiles:
         return self._finished_bytes + (file.size if file else 0)
 
     def write(self, items: Sequence[Item], now: float) -> Written:
-        """Writes `items`, all at once unless a file ends among them; `now` in s of any steady clock."""
+        """Adds `items`, and writes all that was added if it is time to; `now` in s of any steady clock."""
         self._recorded = self._unrecorded = 0
         for item in items:
             try:
@@ -78,10 +97,12 @@ class RotatingFiles:
                 self._pause(error, now)
                 if isinstance(item, BatchItem):
                     self._give_up(item.measurements)
-        try:
-            self._commit()
-        except Exception as error:
-            self._pause(error, now)
+        if now >= self._commit_at:
+            try:
+                self._commit()
+            except Exception as error:
+                self._pause(error, now)
+            self._commit_at = now + self._commit_every
         return Written(self._recorded, self._unrecorded)
 
     def _write_item(self, item: Item, now: float) -> None:
@@ -96,21 +117,32 @@ class RotatingFiles:
                     self._file.add(entry)
                 self._uncommitted += item.measurements
             case ConfigurationItem():
+                self._add(self._encoder.encode_cloud())
                 self._encoder.set_configuration(item.configuration)
                 if self._file:
                     self._add(self._encoder.encode_configuration(self._encoder.nanoseconds(item.at)))
+            case TipPosesItem():
+                poses = self._encoder.encode_tip_poses(item.poses)
+                if self._add(poses):
+                    self._poses.clear()
+                self._poses.append(poses)
+            case PointsItem():
+                self._add([self._encoder.encode_points(item.fused)])
             case EventItem():
                 event = self._encoder.encode_event(item.text, self._encoder.nanoseconds(item.at))
                 if not self._add([event]):
                     self._events.append(event)
             case StopItem():
+                self._add(self._encoder.encode_cloud())
                 self._finish_file()
                 self._started = False
+                self._poses.clear()
                 self.problem, self._missed, self._retry_at = "", 0, -float("inf")
 
     def _add(self, entries: Sequence[Entry]) -> bool:
         """Adds entries to the open file; False if there is none."""
-        self._end_full_file(entries)
+        if entries:
+            self._end_full_file(entries)
         if self._file is None:
             return False
         for entry in entries:
@@ -135,6 +167,9 @@ class RotatingFiles:
         if not self._started:
             file.add(self._encoder.encode_event("recording started", time))
             self._started = True
+        for poses in self._poses:
+            for entry in poses:
+                file.add(entry)
         while self._events:
             file.add(self._events.popleft())
         if self._missed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorSet
 from google.protobuf.message import DecodeError
@@ -17,8 +18,15 @@ RANGES = pb.RangeBatch.DESCRIPTOR.full_name
 CONFIGURATION = pb.DeviceConfiguration.DESCRIPTOR.full_name
 
 
-def check_recording(path: Path) -> pb.DeviceConfiguration:
-    """Checks the recording at `path`; returns the configuration that held at its first batch.
+class Beginning(NamedTuple):
+    """How a recording begins: the configuration that holds at its first batch, and that batch's Unix time, s."""
+
+    configuration: pb.DeviceConfiguration
+    time: float
+
+
+def check_recording(path: Path) -> Beginning:
+    """Checks the recording at `path`.
 
     Raises:
         InvalidInput: it cannot be read, is no MCAP file, or holds no batch of ranges that this gateway knows.
@@ -35,14 +43,14 @@ def check_recording(path: Path) -> pb.DeviceConfiguration:
                 configuration = pb.DeviceConfiguration.FromString(message.data)
             elif message.schema == RANGES:
                 check_ranges(message, path)
-                return configuration
+                return Beginning(configuration, message.time / 1e9)
     except OSError as error:
         raise InvalidInput(
             f"The recording {path} cannot be read: {error.strerror}.", "Give the path of an MCAP file."
         ) from error
     except DecodeError as error:
         raise InvalidInput(f"The recording {path} is damaged.", "Give another recording.") from error
-    if RANGES in reader.schemas():
+    if not reader.complete:
         raise InvalidInput(f"The recording {path} was cut off before its first batch.", "Give another recording.")
     raise InvalidInput(
         f"{path} holds no ranges: none of its channels has the schema {RANGES}.", "Give a recording of the gateway."

@@ -14,8 +14,10 @@ from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.recorder import Recorder
 from pretouch_sensor_gateway.recording.rotating_files import RotatingFiles
 
+COMMIT_EVERY = 2.0
+"""Seconds between two writes to a file, each one compressed chunk: what a crash may cost."""
 _GATHER = 0.005
-"""Seconds that a batch waits to be written: subscribers get it first, and batches that follow share one write."""
+"""Seconds that a batch waits to be encoded: subscribers get it first."""
 _LAST_WRITE = 10.0
 """Seconds that the gateway's shutdown waits for a disk that hangs."""
 
@@ -23,13 +25,14 @@ _LAST_WRITE = 10.0
 class RecordingWriter:
     """Writes each device's recordings to a folder of `root`, from entering a `with` block to its end.
 
-    One thread serves all devices: it takes what each has queued and writes it at once. Leaving the block finishes all
-    files.
+    One thread serves all devices: it encodes what each has queued, and writes it every `commit_every`. Leaving the
+    block finishes all files.
 
     Args:
         root: the folder with one folder for each device; created if it does not exist.
         limits: of each device.
         clock: a steady clock, s.
+        commit_every: s between two writes to a file.
     """
 
     def __init__(
@@ -38,11 +41,13 @@ class RecordingWriter:
         log: structlog.typing.FilteringBoundLogger,
         limits: Limits | None = None,
         clock: Callable[[], float] = time.monotonic,
+        commit_every: float = COMMIT_EVERY,
     ) -> None:
         self._root = root
         self._log = log
         self._limits = limits or Limits()
         self._clock = clock
+        self._commit_every = commit_every
         self._recorders: tuple[Recorder, ...] = ()
         self._something_to_write = threading.Event()
         self._ending = False
@@ -55,7 +60,7 @@ class RecordingWriter:
             InvalidInput: the device's name cannot be the name of a folder.
         """
         log = self._log.bind(device=device)
-        files = RotatingFiles(self._root, device, self._limits, log)
+        files = RotatingFiles(self._root, device, self._limits, log, self._commit_every)
         recorder = Recorder(files, self._something_to_write.set, log)
         self._recorders += (recorder,)
         return recorder
@@ -84,7 +89,7 @@ class RecordingWriter:
     def _run(self) -> None:
         ending = False
         while not ending:
-            self._something_to_write.wait()
+            self._something_to_write.wait(COMMIT_EVERY)
             time.sleep(_GATHER)
             self._something_to_write.clear()
             ending = self._ending

@@ -104,7 +104,7 @@ class Feed:
     async def _follow_ranges(self, device: WatchedDevice) -> NoReturn:
         while True:
             async for response in self._stub.StreamRanges(pb.StreamRangesRequest(device=device.name)):
-                device.take_ranges(response, time.monotonic())
+                device.take_ranges(response)
                 self._watch.changes += 1
             await asyncio.sleep(STATUS_PERIOD)  # a stream has no regular end; open another, whatever ended it
 

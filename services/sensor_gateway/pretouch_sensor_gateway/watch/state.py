@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import array_from_proto
 from pretouch_sensor_gateway.watch.events import EventLog, Severity
-from pretouch_sensor_gateway.watch.trace import Trace
 
 STATES = {
     pb.DEVICE_STATE_UNSPECIFIED: "unknown",
@@ -19,15 +20,24 @@ STATES = {
     pb.DEVICE_STATE_SILENT: "silent",
     pb.DEVICE_STATE_ENDED: "ended",
 }
+RECENT = 300
+"""Measurements over which the share of returns is computed: 10 s at 30 Hz."""
 _SEVERITIES = {pb.DEVICE_STATE_STREAMING: Severity.GOOD, pb.DEVICE_STATE_SILENT: Severity.BAD}
 
 
-@dataclass(frozen=True)
-class Reading:
-    """A module's newest range (m along its beam, NaN for none), status code, and flags as in RangeBatch."""
+class Reading(NamedTuple):
+    """A module's newest measurement.
+
+    Attributes:
+        range: m along its beam, NaN for none.
+        code: the sensor's own status code.
+        meaning: of that code; unspecified in old recordings.
+        flags: as in RangeBatch.
+    """
 
     range: float
     code: int
+    meaning: pb.RangeStatus.ValueType
     flags: int
 
 
@@ -37,116 +47,95 @@ class WatchedDevice:
     Attributes:
         status: the last that the gateway sent.
         state_since: since when it has been in its state, as far as it was watched.
-        trace: its recent ranges.
     """
 
     def __init__(self, device: pb.Device, events: EventLog, at: float) -> None:
         self.name = device.name
         self.status = pb.GetStatusResponse(device=device)
         self.state_since = at
-        self.trace = Trace(0)
-        self._last: list[Reading] = []
         self._events = events
-        self._known = False  # whether `status` came from GetStatus, rather than from ListDevices
-        self._epoch: int | None = None
-        self._newest = (0.0, at)  # the newest measurement's time on the gateway, and when it came
+        self._last: list[Reading] = []
+        self._recent: deque[list[bool]] = deque(maxlen=RECENT)  # which modules had a range
+        self._known = False  # whether `status` continues the one before
         self._noted_state = pb.DEVICE_STATE_UNSPECIFIED
-        self._noted_problem = ""
 
     def take_status(self, status: pb.GetStatusResponse, at: float) -> None:
-        """Takes a status of the device."""
+        """Takes a status of the device, and notes what happened since the one before."""
         before, self.status = self.status, status
-        self._note_state(at)
-        self._note_epoch(status.epoch, at)
+        if status.device.state != self._noted_state:
+            self._note_state(at)
+        elif status.device.problem and status.device.problem != before.device.problem:
+            self._note(status.device.problem, Severity.BAD, at)
         if self._known:
             self._note_changes(before, at)
         self._known = True
 
-    def take_ranges(self, response: pb.StreamRangesResponse, at: float) -> None:
+    def take_ranges(self, response: pb.StreamRangesResponse) -> None:
         """Takes measurements of the device.
 
         Raises:
             InvalidInput: an array is not of its stated shape and type.
         """
         batch = response.batch
-        t, ranges, code, flags = (
-            array_from_proto(getattr(batch, name), name) for name in ("t", "range", "status", "flags")
-        )
-        if response.overrun:
-            self._count("overrun", response.overrun, at, "{} lost to this view, which read too slowly")
-        if batch.lost:
-            self._count("lost", batch.lost, at, "{} lost", " in {} gaps")
-        self._note_epoch(batch.epoch, at)
-        if not len(t):
-            return
-        if ranges.shape[1] != self.trace.modules:
-            self.trace = Trace(ranges.shape[1])
-        self.trace.add(t, np.where(code == 0, ranges, np.nan))
-        newest = zip(ranges[-1].tolist(), code[-1].tolist(), flags[-1].tolist(), strict=True)
-        self._last = [Reading(*values) for values in newest]
-        self._newest = (float(t[-1]), at)
+        ranges, code, flags = (array_from_proto(getattr(batch, name), name) for name in ("range", "status", "flags"))
+        told = batch.HasField("range_status")  # an old recording does not tell
+        meaning = array_from_proto(batch.range_status, "range_status") if told else np.zeros_like(code)
+        if len(ranges):
+            rows = (column[-1].tolist() for column in (ranges, code, meaning, flags))
+            self._last = [Reading(*values) for values in zip(*rows, strict=True)]
+            self._recent.extend((np.isfinite(ranges) & (code == 0)).tolist())
 
     @property
     def readings(self) -> list[Reading]:
         """Each module's newest measurement: from the stream, or from the status if none was streamed yet."""
-        return self._last or [Reading(module.range, module.status, 0) for module in self.status.modules]
+        return self._last or [Reading(one.range, one.status, one.range_status, 0) for one in self.status.modules]
 
-    def gateway_time(self, at: float) -> float:
-        """Unix time of the gateway's clock, s, estimated from the newest measurement."""
-        newest, came = self._newest
-        return newest + at - came
+    def returns(self, module: int) -> float:
+        """Share of the last `RECENT` measurements in which the module had a range; NaN before the first."""
+        found = [row[module] for row in self._recent if module < len(row)]
+        return sum(found) / len(found) if found else math.nan
 
     def forget_counts(self) -> None:
         """Forgets all counts: the gateway was away and may have restarted, so new counts do not continue old ones."""
         self._known = False
-        self._epoch = None
 
     def _note_state(self, at: float) -> None:
         device = self.status.device
-        if device.state != self._noted_state:
-            self._noted_state, self.state_since = device.state, at
-            text = f"{STATES[device.state]}: {device.problem}" if device.problem else STATES[device.state]
-            self._events.add(self.name, text, _SEVERITIES.get(device.state, Severity.NOTE), at)
-        elif device.problem and device.problem != self._noted_problem:
-            self._events.add(self.name, device.problem, Severity.BAD, at)
-        self._noted_problem = device.problem
-
-    def _note_epoch(self, epoch: int, at: float) -> None:
-        """Notes a new epoch when a batch or a status first has it; later ones may still have an old epoch."""
-        if self._epoch is not None and epoch > self._epoch:
-            self._events.add(self.name, f"restarted: epoch {epoch}", Severity.NOTE, at)
-        self._epoch = epoch if self._epoch is None else max(self._epoch, epoch)
+        self._noted_state, self.state_since = device.state, at
+        text = f"{STATES[device.state]}: {device.problem}" if device.problem else STATES[device.state]
+        self._note(text, _SEVERITIES.get(device.state, Severity.NOTE), at)
 
     def _note_changes(self, before: pb.GetStatusResponse, at: float) -> None:
         now = self.status
-        for reason, count in now.refused.items():
-            if count > before.refused.get(reason, 0):
-                self._count(reason, count - before.refused.get(reason, 0), at, f"{{}} refused: {reason}")
-        if now.untimed > before.untimed:
-            self._count("untimed", now.untimed - before.untimed, at, "{} given up, their time was not known")
+        if now.epoch > before.epoch:
+            self._note(f"restarted: epoch {now.epoch}", Severity.NOTE, at)
+        for what, count in (_counts(now) - _counts(before)).items():
+            self._note(what, Severity.BAD, at, count)
         if now.clock.synchronised != before.clock.synchronised:
-            if now.clock.synchronised:
-                self._events.add(self.name, "its clock is known", Severity.GOOD, at)
-            else:
-                self._events.add(self.name, "its clock is not known", Severity.BAD, at)
-        if now.host_clock_jumps > before.host_clock_jumps:
-            self._events.add(self.name, "the clock of the gateway's host jumped", Severity.BAD, at)
-        self._note_recording(before.recording, now.recording, at)
+            known = now.clock.synchronised
+            self._note(f"its clock is {'' if known else 'not '}known", Severity.GOOD if known else Severity.BAD, at)
+        if now.recording.on and now.recording.path and now.recording.path != before.recording.path:
+            self._note(f"recording to {now.recording.path}", Severity.NOTE, at)
+        if before.recording.on and not now.recording.on:
+            self._note("recording stopped", Severity.NOTE, at)
+        if now.recording.problem and now.recording.problem != before.recording.problem:
+            self._note(f"recording: {now.recording.problem}", Severity.BAD, at)
 
-    def _note_recording(self, before: pb.RecordingStatus, now: pb.RecordingStatus, at: float) -> None:
-        if now.on and now.path and now.path != before.path:
-            self._events.add(self.name, f"recording to {now.path}", Severity.NOTE, at)
-        elif before.on and not now.on:
-            self._events.add(self.name, "recording stopped", Severity.NOTE, at)
-        if now.problem and now.problem != before.problem:
-            self._events.add(self.name, f"recording: {now.problem}", Severity.BAD, at)
+    def _note(self, text: str, severity: Severity, at: float, amount: int = 0) -> None:
+        self._events.add(self.name, text, severity, at, amount)
 
-    def _count(self, what: str, frames: int, at: float, text: str, again: str = "") -> None:
-        def describe(total: int, times: int) -> str:
-            frames = "1 frame" if total == 1 else f"{total:,} frames"
-            return text.format(frames) + (again.format(times) if times > 1 else "")
 
-        self._events.count(self.name, what, frames, at, describe)
+def _counts(status: pb.GetStatusResponse) -> Counter[str]:
+    """What should not happen, by the words for it."""
+    counts = Counter(
+        {
+            "lost": status.device.lost_frames,
+            "given up: their time was not known": status.untimed,
+            "lost to slow subscribers": status.overrun,
+            "jumps of the host's clock": status.host_clock_jumps,
+        }
+    )
+    return counts + Counter({f"refused: {reason}": count for reason, count in status.refused.items()})
 
 
 class Watch:
@@ -202,13 +191,7 @@ class Watch:
         """Whether the ranges known of `device` are current."""
         return self.connected and device.status.device.state == pb.DEVICE_STATE_STREAMING
 
-    def select(self, index: int) -> None:
-        """Selects the device of that index, if there is one."""
-        if 0 <= index < len(self.devices):
-            self._selected = index
-            self.changes += 1
-
-    def step(self, by: int) -> None:
-        """Selects the device that many places further, cyclically."""
-        if self.devices:
-            self.select((self._selected + by) % len(self.devices))
+    def select_next(self) -> None:
+        """Selects the next device, cyclically."""
+        self._selected += 1
+        self.changes += 1

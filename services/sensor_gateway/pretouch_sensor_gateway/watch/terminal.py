@@ -8,24 +8,23 @@ import math
 import os
 import signal
 import sys
+import termios
 import time
+import tty
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 
 from rich.console import Console
 from rich.live import Live
 
-from pretouch_sensor_gateway.watch.keys import Key, parse_keys, raw_keyboard, read_typed
 from pretouch_sensor_gateway.watch.log_lines import log_lines
 from pretouch_sensor_gateway.watch.state import Watch
-from pretouch_sensor_gateway.watch.view import View
+from pretouch_sensor_gateway.watch.view import draw
 
 REDRAW_PERIOD = 0.125
 """Seconds between two redraws while something changes."""
-_IDLE_PERIOD = 1.0
-"""Seconds after which the screen is redrawn anyway, because it shows the time."""
 LINE_PERIOD = 1.0
-"""Seconds between two lines for a device."""
+"""Seconds between two lines for a device, and between redraws while nothing changes: the screen shows the time."""
 
 
 async def show(watch: Watch, seconds: float | None) -> None:
@@ -37,31 +36,48 @@ async def show(watch: Watch, seconds: float | None) -> None:
     with _stop_signals() as stop:
         try:
             if sys.stdout.isatty() and not console.is_dumb_terminal:
-                await _show_screen(watch, console, stop, end)
+                await _Screen(watch, console, stop).show(end)
             else:
                 await _print_lines(watch, stop, end)
         except OSError:  # the terminal, or the reader of the pipe, is gone
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-async def _show_screen(watch: Watch, console: Console, stop: asyncio.Event, end: float) -> None:
-    with ExitStack() as stack:
-        keys = sys.stdin is not None and sys.stdin.isatty()
-        if keys:
-            stack.enter_context(_keyboard(lambda key: _press(key, watch, stop)))
-        live = Live(
-            get_renderable=lambda: View(watch, time.monotonic(), time.time(), keys),
-            console=console,
-            screen=True,
-            auto_refresh=False,
-        )
-        stack.enter_context(live)
-        drawn, drawn_at = -1, -math.inf
-        while not stop.is_set() and (now := time.monotonic()) < end:
-            if watch.changes != drawn or now - drawn_at >= _IDLE_PERIOD:
-                drawn, drawn_at = watch.changes, now
-                live.refresh()
-            await _until(stop, min(now + REDRAW_PERIOD, end))
+class _Screen:
+    def __init__(self, watch: Watch, console: Console, stop: asyncio.Event) -> None:
+        self._watch = watch
+        self._console = console
+        self._stop = stop
+        self._raw = False
+
+    async def show(self, end: float) -> None:
+        with ExitStack() as stack:
+            if sys.stdin is not None and sys.stdin.isatty():
+                stack.enter_context(_keyboard(self._press))
+            live = Live(
+                get_renderable=lambda: draw(self._watch, time.monotonic(), time.time(), self._raw),
+                console=self._console,
+                screen=True,
+                auto_refresh=False,
+                vertical_overflow="crop",
+            )
+            stack.enter_context(live)
+            drawn, drawn_at = -1, -math.inf
+            while not self._stop.is_set() and (now := time.monotonic()) < end:
+                if self._watch.changes != drawn or now - drawn_at >= LINE_PERIOD:
+                    drawn, drawn_at = self._watch.changes, now
+                    live.refresh()
+                await _until(self._stop, min(now + REDRAW_PERIOD, end))
+
+    def _press(self, typed: bytes) -> None:
+        """Nothing typed: the terminal is gone."""
+        if not typed or b"q" in typed:
+            self._stop.set()
+        if b"\t" in typed:
+            self._watch.select_next()
+        if b"r" in typed:
+            self._raw = not self._raw
+            self._watch.changes += 1
 
 
 async def _print_lines(watch: Watch, stop: asyncio.Event, end: float) -> None:
@@ -73,17 +89,6 @@ async def _print_lines(watch: Watch, stop: asyncio.Event, end: float) -> None:
             return
         for line in log_lines(watch, time.time()):
             print(line, flush=True)
-
-
-def _press(key: Key | int, watch: Watch, stop: asyncio.Event) -> None:
-    if key is Key.QUIT:
-        stop.set()
-    elif key is Key.NEXT:
-        watch.step(1)
-    elif key is Key.PREVIOUS:
-        watch.step(-1)
-    elif isinstance(key, int):
-        watch.select(key - 1)
 
 
 async def _until(stop: asyncio.Event, end: float) -> None:
@@ -108,19 +113,23 @@ def _stop_signals() -> Iterator[asyncio.Event]:
 
 
 @contextmanager
-def _keyboard(pressed: Callable[[Key | int], None]) -> Iterator[None]:
-    """Calls `pressed` for each key; a terminal that is gone counts as `Key.QUIT`."""
+def _keyboard(pressed: Callable[[bytes], None]) -> Iterator[None]:
+    """Passes what is typed at once and without echo; restores the terminal afterwards."""
     loop = asyncio.get_running_loop()
     descriptor = sys.stdin.fileno()
 
-    def readable() -> None:
-        data = read_typed(descriptor)
-        for key in parse_keys(data) if data else [Key.QUIT]:
-            pressed(key)
+    def read() -> None:
+        typed = b""
+        with suppress(OSError):
+            typed = os.read(descriptor, 1024)
+        pressed(typed)
 
-    with raw_keyboard(descriptor):
-        loop.add_reader(descriptor, readable)
-        try:
-            yield
-        finally:
-            loop.remove_reader(descriptor)
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    loop.add_reader(descriptor, read)
+    try:
+        yield
+    finally:
+        loop.remove_reader(descriptor)
+        with suppress(termios.error):  # the terminal is gone
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

@@ -3,137 +3,183 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from datetime import datetime
+from collections.abc import Iterator
+from datetime import datetime, timedelta
 
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.bar import Bar
+from rich.console import Group, RenderableType
+from rich.filesize import decimal
+from rich.table import Column, Table
 from rich.text import Text
 
-from pretouch_sensor_gateway.watch.events import Event, Severity
-from pretouch_sensor_gateway.watch.module_table import ModuleTable
-from pretouch_sensor_gateway.watch.state import Watch, WatchedDevice
-from pretouch_sensor_gateway.watch.status_facts import STATE_STYLES, describe_device, describe_operation
+from pretouch.v1 import sensor_gateway_pb2 as pb
+from pretouch_sensor_gateway.range_batch import Flag
+from pretouch_sensor_gateway.watch.events import Event
+from pretouch_sensor_gateway.watch.state import STATES, Reading, Watch, WatchedDevice
 
-_SEVERITY_STYLES = {Severity.GOOD: "green", Severity.NOTE: "", Severity.BAD: "yellow"}
+FULL = 0.1
+"""Metres of a full bar."""
 _EVENTS = 8
-_LABEL = 10
-_LEAST_WIDTH = 10
-_LEAST_EVENTS = 2
-_LEAST_MODULES = 8
-"""Lines that each of these gets first, if it has so many."""
+_MEANINGS = {
+    pb.RANGE_STATUS_UNSPECIFIED: "status",
+    pb.RANGE_STATUS_GOOD: "good",
+    pb.RANGE_STATUS_NO_TARGET: "no target",
+    pb.RANGE_STATUS_REJECTED: "rejected",
+    pb.RANGE_STATUS_FAILED: "failed",
+    pb.RANGE_STATUS_NO_ANSWER: "no answer",
+}
+_STYLES = {
+    pb.DEVICE_STATE_UNSPECIFIED: "dim",
+    pb.DEVICE_STATE_CONNECTING: "yellow",
+    pb.DEVICE_STATE_STREAMING: "green",
+    pb.DEVICE_STATE_SILENT: "red",
+    pb.DEVICE_STATE_ENDED: "blue",
+}
 
 
-@dataclass(frozen=True)
-class View:
-    """The whole screen, however large it is.
+def draw(watch: Watch, now: float, wall: float, raw: bool) -> RenderableType:
+    """The whole screen at `now`, s of the watch's steady clock, and `wall`, Unix time.
 
     Args:
-        now: s, of the watch's steady clock.
-        wall: Unix time at that moment, s.
-        keys: whether the keyboard is read.
+        raw: whether the last that the device sent is shown, too.
     """
-
-    watch: Watch
-    now: float
-    wall: float
-    keys: bool = True
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        height = options.height or console.height
-        lines = self._lines(_Layout(console, options.max_width), height - 1)[: height - 1]
-        lines += [Text()] * (height - 1 - len(lines))
-        yield Text("\n", no_wrap=True, overflow="crop", end="").join([*lines, self._foot()])
-
-    def _lines(self, layout: _Layout, height: int) -> list[Text]:
-        """All lines but the last, with as many events and modules as there is room for."""
-        device = self.watch.selected
-        above, modules, below = list(self._head(layout)), list[Text](), list[Text]()
-        if device is not None:
-            above += [*layout.facts(describe_device(device, self.now)), layout.rule()]
-            modules = list(ModuleTable(device, self.now, self.watch.live(device)).lines(layout.width))
-            below = [*[layout.rule()] * bool(modules), *layout.facts(describe_operation(device)), layout.rule()]
-        events = [line for event in self.watch.events.last(_EVENTS) for line in self._event(event, layout)]
-        room = height - len(above)
-        for_modules = max(room - len(below) - min(len(events), _LEAST_EVENTS), min(room, _LEAST_MODULES))
-        modules = _fit_lines(modules, for_modules)
-        for_events = max(0, room - len(modules) - len(below))
-        return [*above, *modules, *below, *events[max(0, len(events) - for_events) :]]
-
-    def _head(self, layout: _Layout) -> Iterator[Text]:
-        yield self._title(layout.width)
-        if not self.watch.connected:
-            yield from layout.wrap(self._outage())
-        elif not self.watch.devices:
-            yield Text(" The gateway has no device.", "yellow")
-
-    def _title(self, width: int) -> Text:
-        """All devices if there is room for them, else the selected one."""
-        where = Text(f"gateway {self.watch.address}  {_format_clock(self.wall)} ", "dim")
-        room = width - where.cell_len
-        names = self._names(self.watch.devices)
-        if names.cell_len > room and self.watch.selected is not None:
-            names = self._names([self.watch.selected])
-            names.append(f"of {len(self.watch.devices)}" if len(self.watch.devices) > 1 else "")
-            names.truncate(max(1, room))
-        return names.append(" " * (room - names.cell_len)).append_text(where)
-
-    def _names(self, devices: Sequence[WatchedDevice]) -> Text:
-        names = Text(" ")
-        for device in devices:
-            number = f"{self.watch.devices.index(device) + 1} " if len(self.watch.devices) > 1 else ""
-            names.append(f" {number}{device.name} ", "bold reverse" if device is self.watch.selected else "")
-            names.append("● ", STATE_STYLES[device.status.device.state])
-        return names
-
-    def _outage(self) -> Text:
-        if not self.watch.problem:
-            return Text("Connecting …", "yellow")
-        wait = math.ceil(self.watch.retry_at - self.now)
-        again = f" Trying again in {wait} s." if wait > 0 else " Trying again …"
-        return Text.assemble((self.watch.problem, "bold red"), again)
-
-    def _event(self, event: Event, layout: _Layout) -> Iterator[Text]:
-        times = [_format_clock(self.wall - (self.now - at)) for at in (event.at, event.first)]
-        device = f"{event.device}: " if event.device and len(self.watch.devices) > 1 else ""
-        since = f", since {times[1]}" if event.times > 1 else ""
-        return layout.facts([(times[0], Text(f"{device}{event.text}{since}", _SEVERITY_STYLES[event.severity]))])
-
-    def _foot(self) -> Text:
-        if not self.keys:
-            return Text(" Ctrl-C quits", "dim")
-        several = "   1-9, Tab, arrows: another device" if len(self.watch.devices) > 1 else ""
-        return Text(f" q quits{several}", "dim")
+    parts: list[RenderableType] = [_title(watch, wall)]
+    if not watch.connected:
+        parts.append(_outage(watch, now))
+    elif not watch.devices:
+        parts.append(Text("The gateway has no device.", "yellow"))
+    device = watch.selected
+    if device is not None:
+        parts.append(_grid(_facts(device, now, raw)))
+        parts.append(_modules(device, watch.live(device)))
+    parts.append(_grid((_clock(wall - now + event.at), _event(watch, event)) for event in watch.events.last(_EVENTS)))
+    return Group(*parts)
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Wraps lines to a width."""
-
-    console: Console
-    width: int
-
-    def wrap(self, text: Text, label: str = "", indent: int = 1) -> Iterator[Text]:
-        """Wraps `text` into indented lines, with `label` before the first one."""
-        for line in text.wrap(self.console, max(_LEAST_WIDTH, self.width - indent), overflow="fold"):
-            yield Text.assemble((f"{label:{indent}}", "dim"), line)
-            label = ""
-
-    def facts(self, facts: Iterable[tuple[str, Text]]) -> Iterator[Text]:
-        """Labels with a fact beside each, which may take several lines."""
-        for label, fact in facts:
-            yield from self.wrap(fact, f" {label} ", _LABEL)
-
-    def rule(self) -> Text:
-        return Text("─" * self.width, "dim")
+def _title(watch: Watch, wall: float) -> Text:
+    title = Text(overflow="ellipsis", no_wrap=True)
+    for device in watch.devices:
+        title.append(f" {device.name} ", "bold reverse" if device is watch.selected else "")
+        title.append("● ", _STYLES[device.status.device.state])
+    keys = "   Tab: next device" if len(watch.devices) > 1 else ""
+    return title.append(f"gateway {watch.address}  {_clock(wall)}   q: quit   r: raw{keys}", "dim")
 
 
-def _fit_lines(lines: list[Text], room: int) -> list[Text]:
-    """As many lines as there is room for, with a last one that says how many are not shown."""
-    if len(lines) <= room or room < 1:
-        return lines[: max(0, room)]
-    return [*lines[: room - 1], Text(f" … and {len(lines) - room + 1} more modules", "dim")]
+def _outage(watch: Watch, now: float) -> Text:
+    if not watch.problem:
+        return Text("Connecting …", "yellow")
+    return Text.assemble((watch.problem, "bold red"), f" Trying again in {max(0, math.ceil(watch.retry_at - now))} s.")
 
 
-def _format_clock(wall: float) -> str:
+def _facts(device: WatchedDevice, now: float, raw: bool) -> Iterator[tuple[str, Text]]:
+    status, clock, recording = device.status, device.status.clock, device.status.recording
+    state, identity = status.device.state, status.identity
+    lasted = timedelta(seconds=max(0, int(now - device.state_since)))
+    head = Text(f"● {STATES[state]} at {status.rate:.1f} Hz", f"bold {_STYLES[state]}")
+    yield "state", _join(head, f"for {lasted}", f"epoch {status.epoch}", f"opened {status.connections:,} times")
+    if status.device.problem:
+        yield "problem", Text(status.device.problem, "bold red")
+    yield "port", Text(status.device.port)
+    yield (
+        "device",
+        _join(
+            status.format or "format not recognised yet",
+            identity.serial and f"serial {identity.serial}",
+            identity.firmware,
+            identity.modules and f"modules {identity.modules}",
+            identity.period and f"{1 / identity.period:.3g} Hz",
+        ),
+    )
+    yield (
+        "frames",
+        _join(
+            f"{status.device.frames:,} good",
+            _bad(status.device.lost_frames, "lost"),
+            _bad(status.device.bad_frames, "refused"),
+            *(_bad(count, reason) for reason, count in sorted(status.refused.items()) if count),
+            _bad(status.untimed, "untimed"),
+            _bad(status.overrun, "overrun"),
+        ),
+    )
+    yield (
+        "clock",
+        _join(
+            Text("synchronised", "green") if clock.synchronised else Text("not synchronised: no ranges come", "yellow"),
+            clock.synchronised and f"drift {1e6 * clock.drift:+.1f} ppm",
+            clock.synchronised and f"time ± {1000 * clock.std:.2f} ms",
+            clock.round_trip and f"round trip {1000 * clock.round_trip:.2f} ms",
+            status.host_clock_jumps and _bad(status.host_clock_jumps, "jumps of the host's clock"),
+        ),
+    )
+    yield (
+        "record",
+        _join(
+            Text("on", "green") if recording.on else "off",
+            Text(recording.problem, "bold red"),
+            recording.on and recording.path,
+            recording.bytes and f"{decimal(recording.bytes)} on disk",
+            recording.on and _bad(recording.unrecorded, "unrecorded"),
+        ),
+    )
+
+
+def _modules(device: WatchedDevice, live: bool) -> Table:
+    """A line for each module; old ranges are dimmed."""
+    table = Table(
+        Column("#", justify="right"),
+        Column("mm", justify="right", min_width=6),
+        Column("status", min_width=6),
+        Column(f"0 to {1000 * FULL:.0f} mm", ratio=1),
+        Column("returns", justify="right"),
+        Column("jumps", justify="right"),
+        box=None,
+        expand=True,
+        header_style="dim",
+        style="" if live else "dim",
+        show_header=bool(device.readings),
+    )
+    for k, reading in enumerate(device.readings):
+        metres, share = reading.range, device.returns(k)
+        table.add_row(
+            str(k),
+            "-" if math.isnan(metres) else f"{1000 * metres:.1f}",
+            _words(reading),
+            Bar(FULL, 0, 0 if math.isnan(metres) else min(metres, FULL), color="green" if live else "bright_black"),
+            "-" if math.isnan(share) else f"{100 * share:.0f} %",
+            f"{device.status.modules[k].jumps:,}" if k < len(device.status.modules) else "-",
+        )
+    return table
+
+
+def _words(reading: Reading) -> Text:
+    doubts = [flag.name.lower().replace("_", " ") for flag in Flag(reading.flags) if flag.name]
+    meaning = _MEANINGS[reading.meaning]
+    words = ", ".join([f"{meaning} ({reading.code})" if reading.code else meaning, *doubts])
+    return Text(words, "green" if words == "good" else "yellow")
+
+
+def _event(watch: Watch, event: Event) -> Text:
+    device = f"{event.device}: " if event.device and len(watch.devices) > 1 else ""
+    return Text(f"{device}{f'{event.amount:,} ' if event.amount else ''}{event.text}", event.severity.value)
+
+
+def _grid(rows: Iterator[tuple[str, Text]]) -> Table:
+    """Labels with a fact beside each, which may take several lines."""
+    grid = Table.grid(Column(style="dim", min_width=8, no_wrap=True), Column(overflow="fold"), padding=(0, 1))
+    for row in rows:
+        grid.add_row(*row)
+    return grid
+
+
+def _join(*facts: str | Text | float) -> Text:
+    """The facts that are there, side by side."""
+    return Text(" · ").join(fact if isinstance(fact, Text) else Text(str(fact)) for fact in facts if fact)
+
+
+def _bad(count: int, what: str) -> Text:
+    """A count that should be 0."""
+    return Text(f"{count:,} {what}", "yellow" if count else "")
+
+
+def _clock(wall: float) -> str:
     return datetime.fromtimestamp(wall).strftime("%H:%M:%S")

@@ -33,6 +33,8 @@ A line that never sends a zero (a wrong baud rate, a boot loader that prints, a 
 memory. It is also below the 255 bytes from which COBS needs blocks that end without a zero.
 """
 END = b"\0"
+INTERRUPT = 0x03
+"""Ctrl-C, which stops the program of a board that runs MicroPython or CircuitPython: nothing sent holds it."""
 _CRC = struct.Struct("<H")
 
 
@@ -98,6 +100,8 @@ class BinaryParser:
     """Parses what a device sends in the binary format (a `Parser`)."""
 
     name = "binary"
+    unit = "mm"
+    problem = ""
     two_way = True
     tick_modulus = COUNTER_MODULUS
 

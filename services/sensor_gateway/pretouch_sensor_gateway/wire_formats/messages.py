@@ -24,6 +24,8 @@ COUNTER_MODULUS = 2**32
 
 _NO_RANGE = 0xFFFF
 _HEADER = struct.Struct("<BBHII")
+_FILLED_BOOT, _FILLED_TIME = 0xFFFF, 0xFFFFFFFF
+"""On the way to the device, which ignores both: of zeros COBS would make bytes of 0x03 (see `binary.INTERRUPT`)."""
 _COUNT = struct.Struct("<B")
 _MODULE = struct.Struct("<HB")
 _IDENTITY = struct.Struct("<8sBI")
@@ -76,9 +78,9 @@ def pack(message: Message) -> bytes:
     """
     match message:
         case Ping(sequence):
-            return _HEADER.pack(VERSION, Kind.PING, 0, sequence, 0)
+            return _HEADER.pack(VERSION, Kind.PING, _FILLED_BOOT, sequence, _FILLED_TIME)
         case Identify():
-            return _HEADER.pack(VERSION, Kind.IDENTIFY, 0, 0, 0)
+            return _HEADER.pack(VERSION, Kind.IDENTIFY, _FILLED_BOOT, 0, _FILLED_TIME)
         case PingReply(boot, sequence, micros):
             return _HEADER.pack(VERSION, Kind.PING_REPLY, boot, sequence, micros)
         case Identity():

@@ -21,6 +21,7 @@ class Measurement:
         micros: device clock at the measurement, microseconds, wraps at the format's modulus; None if it has none.
         ranges: m along the beam of each module, NaN where it has none.
         status: each module's own status code, 0 is good.
+        size: bytes of its line on the wire, up to the one that ended it; 0 where its time does not depend on that.
     """
 
     boot: int | None
@@ -28,6 +29,7 @@ class Measurement:
     micros: int | None
     ranges: tuple[float, ...]
     status: tuple[int, ...]
+    size: int = 0
 
 
 @dataclass(frozen=True)
@@ -82,11 +84,17 @@ class Parser(Protocol):
         name: of the wire format, as in a configuration.
         two_way: whether the device answers pings and identifies itself; otherwise nothing is ever sent to it.
         tick_modulus: microseconds at which the device's time wraps; None if it sends none.
+        unit: of its ranges: mm, cm or m; "" while the format is not known.
+        problem: why well-formed frames or lines were refused lately; "" if none was.
         refused: frames or lines refused so far, by reason.
     """
 
     @property
     def name(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def problem(self) -> str: ...
     @property
     def two_way(self) -> bool: ...
     @property
