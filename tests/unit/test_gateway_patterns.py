@@ -99,6 +99,8 @@ def test_a_line_that_is_not_of_the_pattern_is_refused(pattern: str, line: str) -
         ("{range:mm} {", "brace"),
         ("{any} {any} {any} {any} {range:mm}", "4 times"),
         ("{range:mm}( {any})+", "repeats"),
+        ("({range:mm})+", "without anything between"),
+        ("({any} {range:mm})+", "repeats"),
     ],
 )
 def test_a_pattern_that_cannot_be_meant_is_refused_with_a_remedy(pattern: str, said: str) -> None:
@@ -116,11 +118,11 @@ def test_any_pattern_is_understood_or_refused(pattern: str) -> None:
     parser.feed(b"\n1 2 3\n" + b"{ range 1,2 : " * 30 + b"\n")
 
 
-@pytest.mark.parametrize("name", [*PRESETS, "a {any} b {any} c {any} d {range:mm} e"])
+@pytest.mark.parametrize("name", [*PRESETS, "a {any} b {any} c {any} d {range:mm} e", "( {range:mm} {status})+;"])
 def test_a_line_that_almost_matches_takes_no_time_to_speak_of(name: str) -> None:
     parser = create_parser(name)
     for begin in (b"", b"Ambient: ", b"[a]'", b"[00:00:01.000, 1] ", b"I (1) ", b"a b c d "):
-        for filler in (b" ", b"1 ", b"\t", b" \t", b"a b c d ", b"1 : ", b"- "):
+        for filler in (b" ", b"1 ", b"\t", b" \t", b"a b c d ", b"1 : ", b"- ", b"Addr: 1 Lux: 1 ", b"1 a "):
             assert parser.feed(b"\n" + begin + (filler * 1000)[:900] + b"?\n") == []  # took a minute once
 
 
