@@ -27,6 +27,8 @@ ENOUGH_FOR_TIME = 12
 """Lines of one kind from which a column is told to be a time."""
 _CHARACTERS = 2500
 """Of the last lines that are looked at, where they are more than are needed: numbers take a while to find."""
+_LONGEST = 512
+"""Characters of a line of 64 modules, at most."""
 _UNEVENNESS = 4.0
 """Largest step of a time relative to its least: a line may be late, and one or two may be lost."""
 _TIME_STEPS = {"s": (0.0025, 1.0), "ms": (2.5, 1000.0), "us": (2500.0, 1e6)}
@@ -67,6 +69,8 @@ def infer(lines: Sequence[str]) -> Inference | None:
     kinds: dict[Template, _Kind] = {}
     longest = max(map(len, lines), default=1)
     for line in lines[-max(ENOUGH_FOR_TIME + 1, _CHARACTERS // longest) :]:
+        if len(line) > _LONGEST:
+            continue
         template, values = find_values(line)
         if any(value.kind in ("number", "comma", "word") for value in values):
             kind = kinds.setdefault(template, _Kind([], []))

@@ -20,6 +20,7 @@ after 71.6 minutes, a time of day after 24 hours."""
 _WHOLE_MICROS = {unit: int(micros) for unit, micros in TIME_UNITS.items()}
 _SEQUENCE_MODULUS = 2**32
 _NUMBERS = re.compile(r"[-+.,;\d \t]*")
+_BLANKS = re.compile(r"[ \t]{3,}")
 _SPLIT = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")
 _LAST_SEPARATOR = re.compile(r"[ \t]*[,;]$")
 _NUMERIC = re.compile(r"[-+.]?\d")
@@ -132,10 +133,11 @@ class LineFormat:
 
     def skips(self, line: str) -> bool:
         """Whether the sketch prints this line besides its measurements."""
-        return self._skipped is not None and self._skipped.fullmatch(line) is not None
+        return self._skipped is not None and self._skipped.fullmatch(_squeeze(line)) is not None
 
     def read(self, line: str) -> LineReading | Misread | None:
         """What a line says; None if no pattern matches it."""
+        line = _squeeze(line)
         for pattern in self.compiled:
             match = pattern.expression.fullmatch(line)
             if match is not None:
@@ -149,7 +151,7 @@ class LineFormat:
         """Whether a line shows that it is of this format, for `auto`."""
         if self.marked and re.fullmatch(self.marked, line) is None:
             return False
-        return any(pattern.expression.fullmatch(line) for pattern in self.compiled)
+        return any(pattern.expression.fullmatch(_squeeze(line)) for pattern in self.compiled)
 
     def _is_without_target(self, line: str) -> bool:
         """Whether the line stands for a measurement without a target, as "Out of range" does."""
@@ -260,6 +262,13 @@ class LineFormat:
             return self.status_of[word]
         number = int(word) if word.lstrip("-").isdecimal() else NO_TARGET
         return number if 0 < number < NO_ANSWER else NO_TARGET
+
+
+def _squeeze(line: str) -> str:
+    """The line with one blank, or a tab, for many: the time that a pattern takes would grow with the power of a run."""
+    if "   " not in line and "\t\t" not in line and " \t" not in line:
+        return line
+    return _BLANKS.sub(lambda run: "\t" if "\t" in run[0] else " ", line)
 
 
 class _Cells:

@@ -7,9 +7,9 @@
 
 Fields: `range`, `ranges` with a unit mm, cm or m ("{range:cm,}": with a decimal comma); `time` with s, ms, us or hms
 (hours:minutes:seconds); `status`, with the codes that are good if these are not 0: {status:5|9}; `module`, the name of
-the module that the line is of; `sequence`; `pending`, a hexadecimal mask of modules that did not answer; `number` and
-`any` are skipped. All of a line must match; `{any}` at the end takes the rest. A blank between two fields stands for
-blanks, a comma or a semicolon. `{{` and `}}` are braces.
+the module that the line is of; `sequence`; `pending`, a hexadecimal mask of modules that did not answer; `number`,
+`word` and `any` are skipped. All of a line must match; `{any}` at the end takes the rest. A blank between two fields
+stands for blanks, a comma or a semicolon. `{{` and `}}` are braces.
 """
 
 from __future__ import annotations
@@ -27,9 +27,12 @@ SEPARATOR = r"(?:[ \t]*[,;][ \t]*|[ \t]+)"
 """What a blank between two fields stands for, and what is between the numbers of `{ranges}`."""
 
 _FIELD = re.compile(r"\{(\w+)(?::([^{}]*))?\}")
-_FIELDS = ("time", "range", "ranges", "status", "module", "sequence", "pending", "number", "any")
+_FIELDS = ("time", "range", "ranges", "status", "module", "sequence", "pending", "number", "word", "any")
+_REPEATABLE = ("range", "status", "number", "word")
+"""Fields that a repeated part may have: of others many could share a text in too many ways."""
 _LIST = r"[-+.,;\w \t/]*"
 _STATUS = r"range valid, [\w ]{5,20}|-?\d{1,5}|\(?[A-Za-z][\w /-]{0,40}\)?"
+_STATUS_IN_REPETITION = r"-?\d{1,5}|\(?[A-Za-z][A-Za-z /-]{0,40}\)?"
 _TIME_SUFFIX = {"s": r"s|sec", "ms": "ms", "us": "us", "hms": "s"}
 _MOST_SKIPS = 3
 """`{any}` before the end: a line that almost matches takes time that grows with the power of their number."""
@@ -133,12 +136,13 @@ class _Compiler:
         skips: `{any}` so far, but for one at the end.
     """
 
-    def __init__(self, whole: str, ranges: RangeText, exact: bool) -> None:
+    def __init__(self, whole: str, ranges: RangeText, exact: bool, repeated: bool = False) -> None:
         self.fields: list[Field | Group] = []
         self.skips = 0
         self._whole = whole
         self._ranges = ranges
         self._exact = exact
+        self._repeated = repeated
 
     def compile(self, text: str) -> str:
         """The regular expression of a part; adds its fields to `fields`."""
@@ -190,11 +194,16 @@ class _Compiler:
         if kind not in _FIELDS:
             known = ", ".join(f"{{{name}}}" for name in _FIELDS)
             raise InvalidInput(f"The format {self._whole!r} has the field {{{kind}}}.", f"Fields are {known}.")
+        if self._repeated and kind not in _REPEATABLE:
+            known = ", ".join(f"{{{name}}}" for name in _REPEATABLE)
+            raise InvalidInput(f"The format {self._whole!r} repeats {{{kind}}}.", f"A repeated part may have {known}.")
         if kind == "any" and last:
             return ".*"
         if kind == "any":
             self.skips += 1
             return r"[^,;\t]{0,80}?"
+        if kind == "word":
+            return r"[^\s,;]++"
         if kind == "number":
             return rf"(?:{NUMBER}|nan|inf)"
         if kind == "time" and argument not in TIME_UNITS:
@@ -216,7 +225,7 @@ class _Compiler:
             case "time":
                 return rf"\d{{1,18}}(?:\.\d{{0,9}})?(?:\s*(?:{_TIME_SUFFIX[argument]})\b)?"
             case "status":
-                return _STATUS
+                return _STATUS_IN_REPETITION if self._repeated else _STATUS
             case "module":
                 return r"[\w .-]{0,40}?\w"
             case "sequence":
@@ -227,9 +236,10 @@ class _Compiler:
     def _group(self, content: str, mark: str) -> str:
         if mark == "?":
             return f"(?:{self.compile(content)})?"
-        inner = _Compiler(self._whole, self._ranges, self._exact)
+        inner = _Compiler(self._whole, self._ranges, self._exact, repeated=True)
         expression = inner.compile(content)
-        self.skips += inner.skips
+        if not _FIELD.sub("", content).strip("()?"):
+            raise InvalidInput(f"The format {self._whole!r} repeats a part without anything between.", _EXAMPLE)
         fields = tuple(each for each in inner.fields if isinstance(each, Field))
         if len(fields) < len(inner.fields) or not any(each.kind == "range" for each in fields):
             raise InvalidInput(f"The format {self._whole!r} repeats a part without a range, or twice.", _EXAMPLE)
@@ -248,11 +258,11 @@ class _Compiler:
                 joined += expression
             else:
                 joined += ("" if before in ("blank", "mark") else r"\s*") + expression
-                joined += "" if after == "blank" else r"\s*"
+                joined += "" if after == "blank" or (self._repeated and not after) else r"\s*"
         return joined
 
     def _blank(self, before: str, after: str) -> str:
-        if self._exact:
+        if self._exact or (self._repeated and not before):
             return r"\s+"
         if before in _FIELD_PARTS and after in _FIELD_PARTS:
             return SEPARATOR

@@ -85,7 +85,7 @@ TELLING = (
         "adafruit-vl6180x-triple",
         (
             "{number}(({pending}))?( : ({range:mm})?(#{status})?)+",
-            "(Addr: {any} Lux: {number}( Range: {range:mm})?({status})?( )?)+",
+            "(Addr: {word} Lux: {number}( Range: {range:mm})?({status})?( )?)+",
         ),
         status_of=_VL6180X_ERRORS | {"ttt": NO_ANSWER, "###": NO_TARGET},
         exact=True,
