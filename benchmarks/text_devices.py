@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pretouch_sensor_gateway.measurement_pipeline import MeasurementPipeline
-from pretouch_sensor_gateway.wire_formats.auto_detection import create_parser
+from pretouch_sensor_gateway.wire_formats.registry import create_parser
 
 from benchmarks.clock_devices import Oscillator
 

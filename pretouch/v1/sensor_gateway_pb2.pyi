@@ -425,8 +425,10 @@ class GetStatusResponse(_message.Message):
     HOST_CLOCK_JUMPS_FIELD_NUMBER: _builtins.int
     CONFIGURATION_FIELD_NUMBER: _builtins.int
     NOW_FIELD_NUMBER: _builtins.int
+    UNIT_FIELD_NUMBER: _builtins.int
+    RECENT_LINES_FIELD_NUMBER: _builtins.int
     format: _builtins.str
-    """Name of the wire format; empty while it is not recognised."""
+    """Name or pattern of the wire format; empty while it is not recognised."""
     epoch: _builtins.int
     """Boot session: number of restarts of the board that were seen."""
     connections: _builtins.int
@@ -445,6 +447,8 @@ class GetStatusResponse(_message.Message):
     """The present by the clock of the gateway's host, in seconds since the Unix epoch; of a recording: the time of the last
     measurement that was replayed.
     """
+    unit: _builtins.str
+    """Unit in which the device sends ranges: mm, cm or m; empty while that is not known."""
     @_builtins.property
     def device(self) -> Global___Device:
         """The device as in ListDevices."""
@@ -473,6 +477,10 @@ class GetStatusResponse(_message.Message):
     def configuration(self) -> Global___DeviceConfiguration:
         """Configuration of the device."""
 
+    @_builtins.property
+    def recent_lines(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """What the device sent last, oldest first: lines in quotes and escaped, or bytes in hexadecimal where it is no text."""
+
     def __init__(
         self,
         *,
@@ -492,10 +500,12 @@ class GetStatusResponse(_message.Message):
         host_clock_jumps: _builtins.int = ...,
         configuration: Global___DeviceConfiguration | None = ...,
         now: _builtins.float = ...,
+        unit: _builtins.str = ...,
+        recent_lines: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "device", b"device", "identity", b"identity", "recording", b"recording"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "now", b"now", "overrun", b"overrun", "rate", b"rate", "recording", b"recording", "refused", b"refused", "subscribers", b"subscribers", "untimed", b"untimed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "configuration", b"configuration", "connections", b"connections", "device", b"device", "epoch", b"epoch", "format", b"format", "host_clock_jumps", b"host_clock_jumps", "identity", b"identity", "modules", b"modules", "now", b"now", "overrun", b"overrun", "rate", b"rate", "recent_lines", b"recent_lines", "recording", b"recording", "refused", b"refused", "subscribers", b"subscribers", "unit", b"unit", "untimed", b"untimed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -10,8 +10,9 @@ from typing import Any, cast
 
 from pretouch_detector.servicer import DetectorServicer
 from pretouch_orchestrator.rest import models
-from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, FORMATS, create_parser
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO
 from pretouch_sensor_gateway.wire_formats.parser import Measurement
+from pretouch_sensor_gateway.wire_formats.registry import FORMATS, create_parser
 
 from helpers.scenes import Box, View, World
 from pretouch.scene import Scene

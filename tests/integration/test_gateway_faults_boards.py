@@ -67,11 +67,11 @@ async def test_boards_of_other_formats_take_turns_on_one_port(tmp_path: Path) ->
         text.plug()
         await clients.opened(2)
         for count in range(31):
-            text.write(b"%d %d\r\n" % (30 + count * 7 % 11, 40 + count * 5 % 13))
+            text.write(b"d1: %d mm d2: %d mm\r\n" % (30 + count * 7 % 11, 40 + count * 5 % 13))
             await asyncio.sleep(2 * PAUSE)
         await listener.until(lambda: listener.told == 60)  # the first line may have been the rest of a longer one
         there = await clients.status()
-        assert (there.format, there.epoch, there.device.lost_frames) == ("millimetres", 1, 0)
+        assert (there.format, there.epoch, there.device.lost_frames) == ("d1: {range:mm} mm d2: {range:mm} mm", 1, 0)
         assert dict(there.refused) == {"fields": 1}
         assert listener.lost == there.untimed <= 12
         text.unplug()

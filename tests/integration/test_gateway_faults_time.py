@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import math
 import time
 from pathlib import Path
@@ -84,13 +85,13 @@ async def test_a_device_that_prints_text_is_heard_and_never_spoken_to(tmp_path: 
     async with gateway(tmp_path / "finger") as clients, clients.listening() as listener:
         await clients.opened()
         for line in spoken.tolist():
-            board.write(" ".join(map(str, line)).encode() + b"\r\n")
+            board.write(json.dumps({"mm": line}).encode() + b"\r\n")
             printed.append(time.monotonic())
             await board.written()
             await asyncio.sleep(2 * PAUSE)
         await listener.until(lambda: listener.told == 100)
         status = await clients.until(lambda status: status.rate > 0)
-    assert (status.format, len(status.modules)) == ("millimetres", 3)
+    assert (status.format, len(status.modules)) == ('{{"mm": [{ranges:mm}]}}', 3)
     assert board.asked == b""
     assert (listener.overrun, status.device.lost_frames, status.epoch) == (0, 0, 0)
     assert dict(status.refused) == {"fields": 1}  # the first line may have been the rest of a longer one

@@ -9,9 +9,9 @@ import pytest
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
 from pretouch_sensor_gateway.measurement_pipeline import MAX_HELD, MeasurementPipeline
 from pretouch_sensor_gateway.range_batch import Flag, RangeBatch
-from pretouch_sensor_gateway.wire_formats.auto_detection import create_parser
 from pretouch_sensor_gateway.wire_formats.binary import BinaryParser, encode
 from pretouch_sensor_gateway.wire_formats.parser import Measurement, Refusal
+from pretouch_sensor_gateway.wire_formats.registry import create_parser
 
 from benchmarks.virtual_finger import VirtualFinger
 
@@ -299,8 +299,8 @@ def test_lines_that_came_before_their_format_was_recognised_have_no_honest_time(
     batches = []
     for k in range(40):
         at = 1.0 + k / 30
-        batches += pipeline.feed(b"\n34 35 36", at, UNIX + at)
-    assert pipeline.format_name == "millimetres"
+        batches += pipeline.feed(b"\ntof: 34 mm", at, UNIX + at)
+    assert pipeline.format_name == "tof: {range:mm} mm"
     assert pipeline.untimed > 5
     assert pipeline.measurements + pipeline.untimed == 39  # the last line is half
     assert sum(len(batch) + batch.lost for batch in batches) == 39
@@ -319,8 +319,8 @@ def test_another_format_on_the_same_line_is_another_device() -> None:
     batches = []
     for k in range(40):
         at = 1.0 + k / 30
-        batches += pipeline.feed(b"\n34 35", at, UNIX + at)
-    assert (pipeline.epoch, pipeline.format_name) == (1, "millimetres")
+        batches += pipeline.feed(b"\nd1: 34 mm d2: 35 mm", at, UNIX + at)
+    assert (pipeline.epoch, pipeline.format_name) == (1, "d1: {range:mm} mm d2: {range:mm} mm")
     assert pipeline.untimed >= 5
     assert {batch.epoch for batch in batches} == {1}
     assert {batch.modules for batch in batches} == {2}

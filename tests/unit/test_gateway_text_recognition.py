@@ -8,24 +8,21 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pretouch_sensor_gateway.wire_formats.auto_detection import (
-    FORMATS,
-    MAX_UNDETECTED,
-    AutoDetectingParser,
-    create_parser,
-)
+from pretouch_sensor_gateway.wire_formats.auto_detection import MAX_UNDETECTED, AutoDetectingParser
 from pretouch_sensor_gateway.wire_formats.binary import encode
-from pretouch_sensor_gateway.wire_formats.format_detector import WINDOW
 from pretouch_sensor_gateway.wire_formats.messages import Ping
 from pretouch_sensor_gateway.wire_formats.parser import DeviceMessage, Identity, Measurement, PingReply, Refusal
+from pretouch_sensor_gateway.wire_formats.registry import BINARY, FORMATS, create_parser
 
 from pretouch.errors import InvalidInput
 
 NOISE = (0, 3, 1, 1, 2, 0, 4, 2, 2, 1, 3, 0)
 """Millimetres by which a range of a finger that rests differs from line to line."""
+LINES = 12
+"""Lines after which a pattern is inferred, also one with a time."""
 
 
-def stream(line: Callable[[int], str], count: int = WINDOW) -> bytes:
+def stream(line: Callable[[int], str], count: int = LINES) -> bytes:
     return "".join(f"{line(k)}\r\n" for k in range(count)).encode()
 
 
@@ -33,20 +30,29 @@ def rests(k: int) -> int:
     return 120 + NOISE[k % len(NOISE)]
 
 
+def benewake(distance: int) -> bytes:
+    frame = b"YY" + distance.to_bytes(2, "little") + b"\xb0\x04\x60\x09"
+    return frame + bytes([sum(frame) % 256])
+
+
+JSON = '{{"t": {time:ms}, "range_mm": {range:mm}}}'
 DEVICES: dict[str, bytes] = {
     "binary": encode(Measurement(7, 0, 0, (0.03,), (0,))),
-    "millimetres": stream(lambda k: f"{rests(k)} 45 {rests(k + 5)}"),
-    "time-millimetres": stream(lambda k: f"{5000 + 33 * k} {rests(k)} 45"),
-    "millimetres-time": stream(lambda k: f"{rests(k)} 45 {5000 + 33 * k}"),
-    "adafruit": stream(lambda k: f"97 : {rests(k)} : ### : 45", 2),
+    "tf-luna": benewake(9) * 4,
+    "pololu-vl53l1x-details": stream(
+        lambda k: f"range: {rests(k)}\tstatus: range valid\tpeak signal: 7.31\tambient: 0.42", 2
+    ),
+    "adafruit-vl6180x-triple": stream(lambda k: f"97 : {rests(k)} : ### : 45", 2),
     "stm32duino": stream(lambda k: f"[00:00:00.{k:03d}, {k}] {rests(k)} [0]", 2),
+    "tof: {range:mm} mm": stream(lambda k: f"tof: {rests(k)} mm", 8),
+    JSON: stream(lambda k: f'{{"t": {5000 + 33 * k}, "range_mm": {rests(k)}}}'),
 }
 BOOT = b"\r\nets Jun  8 2016 00:22:57\r\n\r\nrst:0x1 (POWERON_RESET),boot:0x13\r\nVL6180X test!\r\n"
 
 
 def end(name: str) -> bytes:
     """What ends whatever came before a device's first frame or line."""
-    return b"\0" if name == "binary" else b"\n"
+    return b"\0" if name in BINARY else b"\n"
 
 
 def told(received: list[DeviceMessage]) -> list[str]:
@@ -74,7 +80,7 @@ def test_nothing_is_known_or_sent_before_the_format_is_certain(name: str) -> Non
     assert (recognition.name, recognition.two_way, recognition.tick_modulus) == ("", False, None)
     assert len(recognition.feed(data[-2:])) == len(create_parser(name).feed(data))
     assert recognition.name == name
-    assert len(recognition.feed(DEVICES[name])) == len(create_parser(name).feed(data))
+    assert len(recognition.feed(DEVICES[name])) >= len(create_parser(name).feed(data))
 
 
 @given(st.sampled_from(sorted(DEVICES)), st.binary(max_size=40), st.lists(st.integers(0, 600), max_size=8))
@@ -102,65 +108,86 @@ def test_an_echo_is_no_proof() -> None:
     assert recognition.name == ""
 
 
-def lines_of(*columns: Callable[[int], int]) -> bytes:
-    return b"\n" + stream(lambda k: " ".join(str(column(k)) for column in columns), 40)
+BARE: dict[str, Callable[[int], str]] = {
+    "one": lambda k: f"{rests(k)}",
+    "decimals": lambda k: f"{rests(k) / 10:.1f}",
+    "metres": lambda k: f"{rests(k) / 1000:.2f}",
+    "three": lambda k: f"{rests(k)} 45 {rests(k + 5)}",
+    "time first": lambda k: f"{5000 + 33 * k},{rests(k)}",
+    "time last": lambda k: f"{rests(k)};{5_000_000 + 33_000 * k}",
+    "with a status": lambda k: f"{rests(k)},{4 * (k % 5 == 0)}",
+    "labelled": lambda k: f"distance:{rests(k)},signal:62",
+    "Range": lambda k: f"Range: {rests(k)}",
+}
+
+
+@pytest.mark.parametrize("name", BARE)
+def test_a_unit_that_is_not_told_is_never_guessed(name: str) -> None:
+    recognition = AutoDetectingParser()
+    assert recognition.feed(b"\n" + stream(BARE[name], 2000)) == []
+    assert recognition.name == recognition.unit == ""
 
 
 @pytest.mark.parametrize(
-    ("columns", "name"),
+    ("line", "name", "unit"),
     [
-        ([rests], "millimetres"),
-        ([lambda k: 120], "millimetres"),
-        ([lambda k: 120 - k], "millimetres"),
-        ([rests, lambda k: 33], "millimetres"),
-        ([lambda k: 1000 + 10 * k, rests], "time-millimetres"),
-        ([lambda k: 1000 + 100 * k + 5 * NOISE[k % 12], rests], "time-millimetres"),  # uneven, at 10 Hz
-        ([lambda k: 1000 + 33 * k + 66 * (k > 5), rests], "time-millimetres"),  # two lines were lost
-        ([lambda k: 2**32 - 1000 + 33 * k, rests], "time-millimetres"),  # 49 days after its start
-        ([rests, rests, lambda k: 1_700_000_000_000 + 33 * k], "millimetres-time"),
+        (lambda k: f"Distance: {rests(k)} mm", "Distance: {range:mm} mm", "mm"),
+        (lambda k: f"{rests(k) / 10:.1f} cm", "{range:cm} cm", "cm"),
+        (lambda k: f"d = {rests(k) / 1000:.3f} metres", "d = {range:m} metres", "m"),
+        (lambda k: f"dist_mm={rests(k)} light=61{k % 7}", "dist_mm={range:mm} light={number}", "mm"),
+        (lambda k: f"{0.033 * k:.3f} s: range [mm] {rests(k)}", "{time:s} s: range [mm] {range:mm}", "mm"),
+        (lambda k: f"t={1000 + 33 * k} range={rests(k)}mm", "t={time:ms} range={range:mm}mm", "mm"),
+        (lambda k: f"{33000 * k + 7} us, range {rests(k)} mm", "{time:us} us, range {range:mm} mm", "mm"),
+        (lambda k: f"n={k} range={rests(k)}mm", "n={number} range={range:mm}mm", "mm"),  # a count of lines is no time
+        (lambda k: f"light={1000 + 33 * k} range={rests(k)}mm", "light={number} range={range:mm}mm", "mm"),
+        (lambda k: f"range: {rests(k)} mm status: {4 * (k % 5 == 0)}", "range: {range:mm} mm status: {status}", "mm"),
+        (lambda k: f"{rests(k)} mm / {rests(k) / 10:.1f} cm", "{range:mm} mm / {number} cm", "mm"),
+        (lambda k: f"Sensor {1 + k % 2}: {rests(k)} mm", "Sensor {module}: {range:mm} mm", "mm"),
+        (lambda k: f"tof{k % 3}: {rests(k)} mm", "tof{module}: {range:mm} mm", "mm"),
+        (lambda k: f'{{"mm": [{rests(k)}, 45, null]}}', '{{"mm": [{ranges:mm}]}}', "mm"),
     ],
 )
-def test_a_column_that_rises_evenly_by_milliseconds_is_the_device_s_time(
-    columns: list[Callable[[int], int]], name: str
-) -> None:
+def test_a_line_that_tells_its_unit_gives_its_own_pattern(line: Callable[[int], str], name: str, unit: str) -> None:
     recognition = AutoDetectingParser()
-    assert len(recognition.feed(lines_of(*columns))) == 40
-    assert recognition.name == name
+    received = recognition.feed(b"\n" + stream(line, 3 * LINES))
+    assert (recognition.name, recognition.unit) == (name, unit)
+    assert len(received) >= LINES - 2  # three modules are one frame
+    alone = create_parser(name).feed(b"\n" + stream(line, 3 * LINES))
+    assert told(alone) == told(received)
 
 
 @pytest.mark.parametrize(
-    "columns",
+    "line",
     [
-        [lambda k: 60 + 2 * k],  # a finger that draws back, or a clock without ranges
-        [lambda k: k, rests],  # a count of lines
-        [lambda k: 60 + 2 * k, rests],
-        [lambda k: 1000 + 33 * k, lambda k: 100 + 50 * k],  # two clocks
-        [lambda k: 1000 + 33 * k + 500 * (k // 3), rests],  # rises unevenly
-        [lambda k: 104233 + 33 * k, lambda k: 200_000 + 33 * k],
-        [lambda k: 7000 + k % 2, rests],  # no range, and no clock
+        lambda k: f"raw {rests(k)} mm filtered {rests(k + 1)} mm",
+        lambda k: f"range {rests(k)} mm sigma 1.{k % 3} mm",
+        lambda k: f"height: {rests(k)} mm",
+        lambda k: f"L: {rests(k)} mm R: {rests(k)} mm",
+        lambda k: f"{'Left' if k % 2 else 'Right'}: {rests(k)} mm",
+        lambda k: f"Abstand: {rests(k) // 10},{k % 10} cm",
+        lambda k: f"Distance: {rests(k) / 25.4:.2f} in",
+        lambda k: f"range: {rests(k)} mm status: {11 + k % 3}",
+        lambda k: f"speed: {rests(k)} mm/s",
     ],
 )
-def test_in_doubt_nothing_is_decided_and_nothing_comes_out(columns: list[Callable[[int], int]]) -> None:
+def test_in_doubt_which_number_is_the_range_nothing_is_decided(line: Callable[[int], str]) -> None:
     recognition = AutoDetectingParser()
-    assert recognition.feed(lines_of(*columns)) == []
+    assert recognition.feed(b"\n" + stream(line, 200)) == []
     assert recognition.name == ""
 
 
-def test_a_finger_that_draws_back_is_recognised_when_it_rests() -> None:
+def test_distances_that_may_be_in_millimetres_are_not_taken_for_centimetres() -> None:
     recognition = AutoDetectingParser()
-    assert recognition.feed(b"\n" + stream(lambda k: f"{60 + 2 * k} {61 + 2 * k}", 20)) == []
-    assert len(recognition.feed(stream(lambda k: f"{rests(k)} {rests(k)}"))) == 20 + WINDOW
-    assert recognition.name == "millimetres"
+    assert recognition.feed(b"".join(benewake(250 + k) for k in range(600))) == []
+    assert recognition.name == ""
 
 
-@pytest.mark.parametrize("starts", [1, 2])
-def test_a_start_while_listening_does_not_turn_the_time_into_a_range(starts: int) -> None:
+def test_a_table_with_a_header_tells_its_columns() -> None:
     recognition = AutoDetectingParser()
-    recognition.feed(b"\n")
-    for start in range(starts):
-        recognition.feed(stream(lambda k, start=start: f"{3000 - 9 * start + 33 * k} {rests(k)}", 4))
-    recognition.feed(stream(lambda k: f"{33 * k} {rests(k)}", 2 * WINDOW))
-    assert recognition.name == "time-millimetres"
+    head = b"\ntime_ms,distance_mm,status\n"
+    received = recognition.feed(head + stream(lambda k: f"{1000 + 33 * k},{rests(k)},{4 * (k % 5 == 0)}", 15))
+    assert recognition.name == "{time:ms},{range:mm},{status}"
+    assert len(received) == 15
 
 
 def test_lines_of_differing_numbers_of_columns_are_no_format() -> None:
@@ -180,7 +207,7 @@ def test_bytes_that_nothing_can_read_fill_no_memory_and_are_counted() -> None:
     for _ in range(5):
         assert recognition.feed(b"Lux: 12\r\n" * (MAX_UNDETECTED // 9) + b"#" * (MAX_UNDETECTED % 9)) == []
     assert recognition.refused == {Refusal.ENCODING: 5 * (MAX_UNDETECTED // 9 + 1)}
-    assert recognition.feed(b"\n" + DEVICES["adafruit"]) != []
+    assert recognition.feed(b"\n" + DEVICES["stm32duino"]) != []
 
 
 def test_a_line_that_never_ends_fills_no_memory() -> None:
@@ -221,12 +248,18 @@ def test_noise_is_hardly_ever_taken_for_a_device(noise: bytes) -> None:
 
 
 def test_formats_are_known_by_name() -> None:
-    assert ("auto", *DEVICES) == FORMATS
+    assert FORMATS[0] == "auto"
+    assert {"binary", "millimetres", "time-millimetres", "millimetres-time", "stm32duino"} < set(FORMATS)
     for name in FORMATS[1:]:
         assert create_parser(name).name == name
+        assert create_parser(name).unit in ("mm", "cm", "m")
         assert create_parser(name) is not create_parser(name)
     assert create_parser("auto").name == ""
     with pytest.raises(InvalidInput) as refused:
         create_parser("binray")
     assert "'binray'" in refused.value.detail
+    assert "binary" in refused.value.detail
     assert all(name in refused.value.remedy for name in FORMATS)
+    with pytest.raises(InvalidInput) as renamed:
+        create_parser("adafruit")
+    assert "adafruit-vl6180x-triple" in renamed.value.remedy

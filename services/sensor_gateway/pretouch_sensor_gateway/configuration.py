@@ -6,14 +6,16 @@
 
     [devices.finger]
     address = "/dev/serial/by-id/usb-Pretouch_Finger_0042-if00"
-    format = "binary"                        # default "auto": recognised from what comes
+    format = "binary"                        # default "auto": recognised; or a pattern: "{time:ms},{range:mm}"
     baud = 115200
     latency = 0.012                          # s; left out: not known
     calibration = "finger.json"              # what `pretouch gateway calibrate` wrote
     record = true
+    no_target = [9999, "no object"]          # what else stands for no range in a text format
     modules = [                              # tip_T_module of each; default: one module at the tip
         { translation = [0, 0, 0], rotation = [0, 0, 0, 1] },
     ]
+    zones = "vl53l5cx-8x8"                   # a multizone sensor: its zones are the modules, and modules its one pose
 
 Paths are relative to the file's folder.
 """
@@ -23,7 +25,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pretouch.errors import InvalidInput, NotFound, TooLarge
@@ -34,12 +36,17 @@ from pretouch_sensor_gateway.calibration.file import load
 from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.recording.validation import check_recording
 from pretouch_sensor_gateway.transport.address import DEFAULT_BAUD, parse_address
-from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO, create_parser
+from pretouch_sensor_gateway.wire_formats.auto_detection import AUTO
+from pretouch_sensor_gateway.wire_formats.presets import PRESETS
+from pretouch_sensor_gateway.wire_formats.registry import create_parser
+from pretouch_sensor_gateway.wire_formats.text import Modules
+from pretouch_sensor_gateway.zones import find_zones
 
 VARIABLE = "PRETOUCH_GATEWAY_DEVICES"
 _NAME = re.compile(r"[\w.-]{1,64}")
 _REPLAY = "replay:"
 _MAX_BYTES = 1_000_000
+_KEYS = ("address", "format", "baud", "latency", "calibration", "modules", "zones", "no_target", "record")
 MAX_LATENCY = 1.0
 """Seconds; no sensor measures for longer before its board sends."""
 _REMEDY = (
@@ -55,11 +62,13 @@ class DeviceSetting:
     Attributes:
         name: as requests use it.
         address: as written; of a port, or of a recording to replay.
-        wire_format: the name of its wire format.
+        wire_format: the name of its wire format, or a pattern of its lines.
         baud: bits a second of a real UART.
         latency: s from a measurement to the time in its frame, or to the begin of its line of text; None: not known.
         tip_T_module: pose of each module in the tip's coordinate frame.
         record: whether it is recorded from the start.
+        modules: what is known of the modules beforehand.
+        no_target: further numbers and words that stand for no range in a text format.
     """
 
     name: str
@@ -70,11 +79,13 @@ class DeviceSetting:
     calibration: Calibration | None = None
     tip_T_module: tuple[Pose, ...] = (Pose.identity(),)
     record: bool = False
+    modules: Modules = field(default_factory=Modules)
+    no_target: tuple[object, ...] = ()
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise InvalidInput(f"{self.name!r} is no device name.", _REMEDY)
-        create_parser(self.wire_format)
+        create_parser(self.wire_format, self.modules, self.no_target)
         if self.recording is None:
             parse_address(self.address)
         else:
@@ -152,7 +163,7 @@ def _read_file(path: Path) -> GatewaySetting:
 
 def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
     with prefix_errors(f"devices.{name}"):
-        members = Members(value, "", ("address", "format", "baud", "latency", "calibration", "modules", "record"))
+        members = Members(value, "", _KEYS)
         address = members.text("address")
         if address.startswith(_REPLAY):
             address = _REPLAY + str(folder / address.removeprefix(_REPLAY))
@@ -160,15 +171,37 @@ def _read_device(name: str, value: object, folder: Path) -> DeviceSetting:
         if type(record) is not bool:
             raise InvalidInput("record is neither true nor false.", "Write record = true or leave it out.")
         calibration = load(folder / members.text("calibration"))[0] if "calibration" in members else None
+        wire_format = members.text("format") if "format" in members else AUTO
+        tip_T_module, modules = _read_modules(members, wire_format)
         return DeviceSetting(
             name,
             address,
-            wire_format=members.text("format") if "format" in members else AUTO,
+            wire_format=wire_format,
             baud=members.integer("baud") if "baud" in members else DEFAULT_BAUD,
             latency=members.number("latency") if "latency" in members else None,
             calibration=calibration,
-            tip_T_module=tuple(read_pose(item, f"modules[{k}]") for k, item in enumerate(members.items("modules")))
-            if "modules" in members
-            else (Pose.identity(),),
+            tip_T_module=tip_T_module,
             record=record,
+            modules=modules,
+            no_target=_read_no_target(members.items("no_target")) if "no_target" in members else (),
         )
+
+
+def _read_no_target(values: list[object]) -> tuple[object, ...]:
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float | str) or value == "":
+            raise InvalidInput("no_target holds what no line can hold.", 'List numbers and words: [9999, "no object"].')
+    return tuple(values)
+
+
+def _read_modules(members: Members, wire_format: str) -> tuple[tuple[Pose, ...], Modules]:
+    """The pose of each module in the tip's frame, and what is known of the modules."""
+    stated = members.items("modules") if "modules" in members else None
+    poses = tuple(read_pose(item, f"modules[{k}]") for k, item in enumerate(stated or ()))
+    if "zones" not in members:
+        return poses or (Pose.identity(),), Modules(len(poses) or None)
+    if len(poses) > 1:
+        raise InvalidInput("A sensor with zones has one pose.", "Give the sensor's pose alone in modules, or none.")
+    preset = PRESETS.get(wire_format)
+    zones, modules = find_zones(members.text("zones"), printed_mirrored=preset is not None and preset.mirrored)
+    return tuple((poses or (Pose.identity(),))[0] @ zone for zone in zones), modules

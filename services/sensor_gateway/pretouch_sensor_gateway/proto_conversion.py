@@ -57,6 +57,8 @@ def status_to_proto(device: Device) -> pb.GetStatusResponse:
     return pb.GetStatusResponse(
         device=device_to_proto(device),
         format=source.format,
+        unit=source.unit,
+        recent_lines=source.recent_lines,
         identity=_identity_to_proto(source),
         epoch=source.epoch,
         connections=source.connections,

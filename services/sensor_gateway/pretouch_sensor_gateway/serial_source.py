@@ -12,12 +12,17 @@ import structlog
 from pretouch_sensor_gateway.calibration.model import Calibration
 from pretouch_sensor_gateway.measurement_pipeline import MeasurementPipeline
 from pretouch_sensor_gateway.range_batch import RangeBatch
+from pretouch_sensor_gateway.recent_input import RecentInput
 from pretouch_sensor_gateway.source import DeviceState, SourceStatus
+from pretouch_sensor_gateway.stuck_ranges import StuckRanges
 from pretouch_sensor_gateway.transport.reconnection import Link, LinkState
+from pretouch_sensor_gateway.wire_formats.diagnosis import explain
 from pretouch_sensor_gateway.wire_formats.parser import Parser, Refusal
 
 SILENT_AFTER = 1.0
 """Seconds without a good frame after which an open port counts as silent."""
+_EXPLAINED_FOR = 2.0
+"""Seconds for which an explanation of the silence is kept."""
 _SAME_MOMENT = 1e-4
 """Seconds within which both clocks must be read to be compared; on a host that is too busy they are read again."""
 _BITS_PER_BYTE = 10
@@ -48,6 +53,11 @@ class SerialSource:
         self._log = log
         self._link = Link(address, self, log, baud)
         self._pipeline = MeasurementPipeline(parser, _BITS_PER_BYTE / baud, calibration, latency)
+        self._parser = parser
+        self._baud = baud
+        self._recent = RecentInput()
+        self._stuck = StuckRanges()
+        self._explanation, self._explained_at = "", -float("inf")
         self._deliver = deliver
         self._record_event = record_event
         self._send_due = asyncio.Event()
@@ -73,6 +83,8 @@ class SerialSource:
             state=self._state(now),
             problem=self._problem(now),
             format=pipeline.format_name,
+            unit=self._parser.unit,
+            recent_lines=tuple(self._recent.lines()),
             identity=pipeline.identity,
             epoch=pipeline.epoch,
             connections=self._link.connections,
@@ -86,6 +98,8 @@ class SerialSource:
     def on_opened(self, at: float) -> None:
         self._opened_at = at
         self._refused_before = self._pipeline.refused
+        self._recent.clear()
+        self._explained_at = -float("inf")
         self._record_event("The port was opened.")
         self._pipeline.on_port_opened(at)
         self._send_due.set()
@@ -96,7 +110,9 @@ class SerialSource:
 
     def on_received(self, data: bytes, at: float) -> None:
         epoch = self._pipeline.epoch
+        self._recent.add(data, at)
         for batch in self._pipeline.feed(data, at, _unix_time(at)):
+            self._stuck.add(batch)
             self._deliver(batch)
         if self._pipeline.last_accepted == at:
             self._refused_before = self._pipeline.refused
@@ -132,11 +148,23 @@ class SerialSource:
         if self._link.state is not LinkState.OPEN:
             return self._link.problem
         if now - max(self._pipeline.last_accepted, self._opened_at) > SILENT_AFTER:
+            return self._explain_silence(now)
+        if now - self._opened_at <= SILENT_AFTER:
+            return ""
+        return self._pipeline.problem() or self._parser.problem or self._stuck.problem()
+
+    def _explain_silence(self, now: float) -> str:
+        """Why no measurements come; told anew every few seconds, for it takes a while to find out."""
+        if now - self._explained_at > _EXPLAINED_FOR:
             refused = (self._pipeline.refused - self._refused_before).most_common(1)
-            if not refused:
-                return "The port is open, but no complete frame or line arrives."
-            return f"The port is open but no good frame comes; most were refused because: {refused[0][0].value}."
-        return self._pipeline.problem() if now - self._opened_at > SILENT_AFTER else ""
+            self._explanation = explain(
+                self._recent.last(), self._parser, refused[0][0] if refused else None, self._baud
+            )
+            if self._recent.last() and now - self._recent.received_at > SILENT_AFTER:
+                stopped = f"The port is open, but nothing has arrived for {now - self._recent.received_at:.0f} s."
+                self._explanation = f"{stopped} Before: {self._explanation}" if refused else stopped
+            self._explained_at = now
+        return self._explanation
 
 
 def _unix_time(at: float) -> float:

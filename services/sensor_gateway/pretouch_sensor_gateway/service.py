@@ -19,7 +19,7 @@ from pretouch_sensor_gateway.replay_source import ReplaySource
 from pretouch_sensor_gateway.serial_source import SerialSource
 from pretouch_sensor_gateway.servicer import SensorGatewayServicer
 from pretouch_sensor_gateway.source import Source
-from pretouch_sensor_gateway.wire_formats.auto_detection import create_parser
+from pretouch_sensor_gateway.wire_formats.registry import create_parser
 
 
 def running(server: grpc.aio.Server, context: ServiceContext) -> AbstractAsyncContextManager[tuple[str, ...]]:
@@ -68,7 +68,7 @@ def _create_source(setting: DeviceSetting, device: Device, context: ServiceConte
         return ReplaySource(setting.recording, device)
 
     log = context.log.bind(device=setting.name)
-    parser = create_parser(setting.wire_format)
+    parser = create_parser(setting.wire_format, setting.modules, setting.no_target)
     return SerialSource(
         setting.address,
         parser,

@@ -48,6 +48,8 @@ class SourceStatus:
     Attributes:
         problem: what is wrong, "" if nothing is.
         format: the wire format in use, "" while it is not recognised.
+        unit: in which the device sends ranges, "" while that is not known.
+        recent_lines: what it sent last, in quotes and escaped, or in hexadecimal where it is no text.
         epoch: number of the boot session: how often the device was seen to restart.
         connections: how often the port was opened.
         measurements: delivered in batches.
@@ -59,6 +61,8 @@ class SourceStatus:
     state: DeviceState
     problem: str = ""
     format: str = ""
+    unit: str = ""
+    recent_lines: tuple[str, ...] = ()
     identity: Identity | None = None
     epoch: int = 0
     connections: int = 0

@@ -100,6 +100,8 @@ class BinaryParser:
     """Parses what a device sends in the binary format (a `Parser`)."""
 
     name = "binary"
+    unit = "mm"
+    problem = ""
     two_way = True
     tick_modulus = COUNTER_MODULUS
 

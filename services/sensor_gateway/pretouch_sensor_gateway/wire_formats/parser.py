@@ -84,11 +84,17 @@ class Parser(Protocol):
         name: of the wire format, as in a configuration.
         two_way: whether the device answers pings and identifies itself; otherwise nothing is ever sent to it.
         tick_modulus: microseconds at which the device's time wraps; None if it sends none.
+        unit: of its ranges: mm, cm or m; "" while the format is not known.
+        problem: why well-formed frames or lines were refused lately; "" if none was.
         refused: frames or lines refused so far, by reason.
     """
 
     @property
     def name(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def problem(self) -> str: ...
     @property
     def two_way(self) -> bool: ...
     @property
