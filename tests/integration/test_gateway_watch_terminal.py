@@ -57,6 +57,9 @@ def test_a_person_sees_the_ranges_changes_the_device_and_quits(gateway: FakeGate
         terminal.wait_for("epoch 3")
         gateway.statuses["thumb"] = status(device("thumb", lost_frames=3))
         terminal.wait_for("thumb: 3 lost")
+        gateway.statuses["thumb"].recent_lines.append("'23 mm'")
+        terminal.type(b"r")
+        terminal.wait_for("'23 mm'")
         terminal.type(b"q")
         assert terminal.ended() == 0
         is_restored(terminal)

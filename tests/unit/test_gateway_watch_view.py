@@ -21,10 +21,10 @@ T0 = 1.7e9
 WALL = 1_763_700_000.0
 
 
-def drawn(watch: Watch, width: int = 100, height: int = 30, now: float = 100.0) -> list[str]:
+def drawn(watch: Watch, width: int = 100, height: int = 30, now: float = 100.0, raw: bool = True) -> list[str]:
     """The lines of the screen; none is too wide."""
     console = Console(width=width, height=height, record=True, file=io.StringIO())
-    console.print(draw(watch, now, WALL, raw=True))
+    console.print(draw(watch, now, WALL, raw))
     said = console.export_text().split("\n")
     assert max(map(len, said)) <= width
     return [line.rstrip() for line in said]
@@ -105,6 +105,17 @@ def test_a_problem_is_told_where_the_state_is() -> None:
     assert "1 jumps of the host's clock" in line_of(screen, "clock")
     assert "3 untimed" in line_of(screen, "frames")
     assert line_of(screen, "record") == "record off"
+
+
+def test_what_the_device_sends_is_shown_on_demand() -> None:
+    watch = Watch("host:1")
+    watch.take_devices([device()], 0.0)
+    watch.devices[0].take_status(status(unit="mm", recent_lines=["'rst:0x10 (RTCWDT)'", "'23 [mm]'"]), 1.0)
+    screen = "\n".join(drawn(watch))
+    assert "'rst:0x10 (RTCWDT)'" in screen
+    assert "'23 [mm]'" in screen
+    assert "in mm" in screen
+    assert "RTCWDT" not in "\n".join(drawn(watch, raw=False))
 
 
 def test_events_come_with_their_times_and_the_last_ones_stay() -> None:

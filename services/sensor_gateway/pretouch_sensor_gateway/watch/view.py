@@ -84,12 +84,15 @@ def _facts(device: WatchedDevice, now: float, raw: bool) -> Iterator[tuple[str, 
         "device",
         _join(
             status.format or "format not recognised yet",
+            status.unit and f"in {status.unit}",
             identity.serial and f"serial {identity.serial}",
             identity.firmware,
             identity.modules and f"modules {identity.modules}",
             identity.period and f"{1 / identity.period:.3g} Hz",
         ),
     )
+    if raw:
+        yield "raw", Text("\n".join(status.recent_lines) or "nothing", "cyan")
     yield (
         "frames",
         _join(
