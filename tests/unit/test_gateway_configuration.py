@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from pretouch_sensor_gateway.calibration.file import save
 from pretouch_sensor_gateway.calibration.model import Calibration, ModuleCalibration
+from pretouch_sensor_gateway.calibration.mounting import PARAMETERS, Mounting
 from pretouch_sensor_gateway.configuration import VARIABLE, load_configuration
 
 from pretouch.errors import InvalidInput
+from pretouch.geometry import Pose
 
 
 def test_devices_in_their_order() -> None:
@@ -114,3 +116,14 @@ def test_what_cannot_be_meant_is_refused_with_a_remedy(text: str, said: str) -> 
     with pytest.raises(InvalidInput, match=said) as caught:
         load_configuration({VARIABLE: text})
     assert caught.value.remedy
+
+
+def test_modules_that_are_left_out_sit_where_the_calibrations_sweep_found_them(tmp_path: Path) -> None:
+    placed = Pose.of(np.eye(3), [0.01, 0.0, 0.0])
+    mounting = Mounting(placed, 0.0, 0.0, 0.2, 50.0, np.eye(len(PARAMETERS)), ())
+    save(tmp_path / "c.json", Calibration(modules=(ModuleCalibration(mounting=mounting),)))
+    line = "[devices.finger]\naddress = '/dev/ttyACM0'\ncalibration = 'c.json'\n"
+    for written, x in ((line, 0.01), (line + "modules = [{translation=[0, 0, 0], rotation=[0, 0, 0, 1]}]", 0.0)):
+        (tmp_path / "gateway.toml").write_text(written)
+        (finger,) = load_configuration({VARIABLE: str(tmp_path / "gateway.toml")}).devices
+        assert finger.tip_T_module[0].translation.tolist() == [x, 0.0, 0.0]

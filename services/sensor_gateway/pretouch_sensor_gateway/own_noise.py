@@ -12,7 +12,7 @@ WINDOW = 96
 """Newest measurements that count."""
 LEAST = 24
 """Second differences from which on a noise is known."""
-_EVERY = 12
+_EVERY = 32
 """Measurements between two estimates."""
 _TRIMMED = 4.0
 """Standard deviations beyond which a second difference is an edge or an outlier."""
