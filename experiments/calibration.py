@@ -1,6 +1,6 @@
 """Calibrations on real ranges, cross-validated, and mounts and cones found from simulated sweeps of unknown responses.
 
-    python -m experiments.calibration [--ranges DIR] [--fingers 12] [--first 100] [--out docs/results]
+    python -m experiments.calibration [--ranges DIR] [--fingers 12] [--first 200] [--out docs/results]
 
 Writes calibration.md. DIR is data/real_tof of PRETOUCH_SHARED unless given.
 """
@@ -44,7 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ranges", type=Path, default=SHARED / "data" / "real_tof")
     parser.add_argument("--fingers", type=int, default=12)
-    parser.add_argument("--first", type=int, default=100, help="the first finger's seed")
+    parser.add_argument("--first", type=int, default=200, help="the first finger's seed")
     parser.add_argument("--out", type=Path, default=RESULTS)
     run_or_exit(parser.parse_args(), run)
 

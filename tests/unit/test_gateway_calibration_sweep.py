@@ -58,7 +58,7 @@ def test_mount_latency_and_width_come_back_within_what_is_stated(monkeypatch: py
     names = ("tilt_x", "tilt_y", "origin_x", "origin_y", "latency", "log_half_angle")
     stds = [found.stds[name] for name in names]
     assert (np.abs(off) < 3.5 * np.array(stds)).all(), dict(zip(names, zip(off, stds, strict=True), strict=True))
-    assert stds[2] < 0.003
+    assert stds[2] < 0.005
     assert stds[0] < np.radians(4)
     assert 0.0005 < residual < 0.003
     assert moved[2] == pytest.approx(0.0, abs=2e-4)  # along the beam it stays where it was given

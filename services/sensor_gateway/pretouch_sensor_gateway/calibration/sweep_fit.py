@@ -220,7 +220,9 @@ class _Problem:
         off, slopes = found.fun[:count], found.jac[:count]
         bread = np.linalg.inv(found.jac.T @ found.jac)
         scores = [slopes[block].T @ off[block] for block in np.array_split(np.arange(count), _BLOCKS)]
-        meat = np.eye(len(_START)) + np.array(scores).T @ np.array(scores)
+        fitted = float(np.trace(bread @ (slopes.T @ slopes)))
+        few = _BLOCKS / max(_BLOCKS - fitted, 1.0)  # the blocks' scores were made small by the fit itself
+        meat = np.eye(len(_START)) + few * np.array(scores).T @ np.array(scores)
         covariance = (bread + bread @ meat @ bread) * np.outer(_PRIOR, _PRIOR)
         values = _START + _PRIOR * scaled
         left = (self._predict(values, profile) - self._ranges)[np.abs(off) < 3]
