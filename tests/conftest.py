@@ -5,23 +5,29 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.fake_upstream import FakeUpstream
 from helpers.postgresql import PostgresqlServer
 from helpers.stores import KINDS
 from hypothesis import settings
+from xdist.scheduler import LoadFileScheduling
 
 settings.register_profile("untimed", deadline=None)  # how long an example takes is the machine's affair
 settings.load_profile("untimed")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Where several processes share the tests, each file's run in one of them, and so do those of all containers."""
-    for item in items:
-        alone = item.path.parent.name == "compose"
-        item.add_marker(pytest.mark.xdist_group("containers" if alone else item.path.stem))
+class _ByFile(LoadFileScheduling):  # type: ignore[misc]
+    """Shares the tests out by file, where several processes run them; all tests of containers go to one of them."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = super()._split_scope(nodeid)
+        return "containers" if "compose/" in file else file
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileScheduling:
+    return _ByFile(config, log)
 
 
 @pytest.fixture
