@@ -41,16 +41,16 @@ def purge(
 
 
 def describe_cancellation(before: Session, after: Session) -> str:
-    """What a cancellation did, in one sentence."""
+    """What a cancellation did, in a sentence or two."""
     name = f"Session {clean(after.id)}"
     if before.state.ended:
-        return f"{name} had ended already and stays as it is: it {describe_state(before)}."
+        return f"{name} had ended already and stays as it is. It {describe_state(before)}."
     if after.state is not State.CANCELLED:
-        return f"{name} ended by itself before it was cancelled: it {describe_state(after)}."
+        return f"{name} ended by itself before it was cancelled. It {describe_state(after)}."
     return f"{name} is cancelled, after {count_scans(after)}."
 
 
 def describe_purge(before: Session) -> str:
-    """What a removal did, in one sentence."""
-    was = f"it {describe_state(before)}" if before.state.ended else f"it was running, after {count_scans(before)}"
-    return f"Session {clean(before.id)} is removed, with all that was stored of it; {was}."
+    """What a removal did, in a sentence or two."""
+    was = describe_state(before) if before.state.ended else f"was running, after {count_scans(before)}"
+    return f"Session {clean(before.id)} is removed, with all that was stored of it. It {was}."

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
 from pretouch.client.http import REST_ADDRESS
 from pretouch.results import STANDARD_OUTPUT
@@ -33,3 +35,9 @@ def open_console(json: Path | None = None) -> Console:
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = _WIDE
     return console
+
+
+def print_paragraphs(console: Console, paragraphs: Iterable[Text]) -> None:
+    """Each wrapped between words in a terminal, and in one line elsewhere."""
+    for text in paragraphs:
+        console.print(text, soft_wrap=not console.is_terminal)

@@ -10,8 +10,8 @@ from rich.text import Text
 from pretouch.cli import TlsCa, TlsCert, TlsKey, Token
 from pretouch.client import RestClient
 from pretouch.results import STANDARD_OUTPUT, check_file, write_json
-from pretouch.session_command.options import DEFAULT_URL, Json, SessionId, Url, open_console
-from pretouch.session_command.tables import session_row, tabulate_scans, tabulate_sessions
+from pretouch.session_command.options import DEFAULT_URL, Json, SessionId, Url, open_console, print_paragraphs
+from pretouch.session_command.tables import tabulate_scans, tabulate_sessions
 from pretouch.session_command.wording import describe, describe_plan, describe_warning
 from pretouch.wire.json import session_to_json
 
@@ -31,29 +31,26 @@ def list_sessions(
     """List sessions, the newest first: how each ended and how certain its answer is."""
     if json is not None:
         check_file(json)
-    rows: list[tuple[str | Text, ...]] = []
+    console = open_console()
     documents: list[dict[str, Any]] = []
     count, cursor = 0, ""
     with RestClient(url, token=token, tls_ca=tls_ca, tls_cert=tls_cert, tls_key=tls_key) as client:
-        while True:
+        while count == 0 or (cursor and count < limit):
             page = client.sessions(min(_PAGE, limit - count), cursor)
-            count, cursor = count + len(page.sessions), page.next
             if json is not None:
                 documents += map(session_to_json, page.sessions)
-            if json != STANDARD_OUTPUT:
-                rows += map(session_row, page.sessions)
-            if not cursor or count >= limit:
+            if json != STANDARD_OUTPUT and page.sessions:
+                console.print(tabulate_sessions(page.sessions, console.width, header=count == 0))
+            count, cursor = count + len(page.sessions), page.next
+            if not page.sessions:
                 break
     if json is not None:
         write_json(json, {"sessions": documents, "next": cursor or None})
     if json == STANDARD_OUTPUT:
         return
-    console = open_console()
-    if not rows:
+    if not count:
         console.print("There is no session yet.")
-        return
-    console.print(tabulate_sessions(rows, console.width))
-    if cursor:
+    elif cursor:
         console.print(Text(f"The newest {count} are shown; --limit shows more.", "dim"))
 
 
@@ -76,11 +73,9 @@ def show(
     if json == STANDARD_OUTPUT:
         return
     console = open_console()
-    whole_lines = not console.is_terminal
-    console.print(describe(session), soft_wrap=whole_lines)
+    print_paragraphs(console, describe(session))
     if session.scans:
         console.print(tabulate_scans(session.scans, console.width))
     if session.next_scan is not None:
-        console.print(describe_plan(session.next_scan), soft_wrap=whole_lines)
-    for warning in session.warnings:
-        console.print(describe_warning(warning), soft_wrap=whole_lines)
+        print_paragraphs(console, [describe_plan(session.next_scan)])
+    print_paragraphs(console, map(describe_warning, session.warnings))

@@ -11,8 +11,8 @@ from pretouch.client import Event, RestClient
 from pretouch.errors import Internal, InvalidInput
 from pretouch.results import check_file, write_json
 from pretouch.session import Session
-from pretouch.session_command.options import DEFAULT_URL, Json, SessionId, Url, open_console
-from pretouch.session_command.wording import describe, describe_plan, describe_scan, describe_warning
+from pretouch.session_command.options import DEFAULT_URL, Json, SessionId, Url, open_console, print_paragraphs
+from pretouch.session_command.wording import describe, describe_plan, describe_scan, describe_warning, millimetres
 from pretouch.wire.json import session_from_json, session_to_json
 
 _PATIENCE = 600.0
@@ -38,11 +38,10 @@ def watch(
     last: Session | None = None
     with RestClient(url, token=token, tls_ca=tls_ca, tls_cert=tls_cert, tls_key=tls_key, timeout=_PATIENCE) as client:
         for present in _read_sessions(client.events(session_id)):
-            for line in describe_change(last, present):
-                console.print(line, soft_wrap=not console.is_terminal)
+            print_paragraphs(console, describe_change(last, present))
             last = present
         ended = last or client.session(session_id)
-    console.print(describe(ended), soft_wrap=not console.is_terminal)
+    print_paragraphs(console, describe(ended))
     if json is not None:
         write_json(json, session_to_json(ended))
 
@@ -53,7 +52,7 @@ def describe_change(before: Session | None, now: Session) -> Iterator[Text]:
     scans = 0 if before is None else len(before.scans)
     planned = None if before is None or before.next_scan is None else before.next_scan.scan_id
     if before is None:
-        yield Text(f"{len(now.regions)} regions; {1000 * now.estimate.expected_error:.1f} mm expected")
+        yield Text(f"{len(now.regions)} regions; {millimetres(now.estimate.expected_error)} expected")
     for warning in now.warnings:
         if warning not in warnings:
             yield describe_warning(warning)

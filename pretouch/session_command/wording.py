@@ -34,6 +34,10 @@ def millimetres(metres: float) -> str:
     return f"{1000 * metres:.1f} mm"
 
 
+def percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
 def count_scans(session: Session) -> str:
     scans = len(session.scans)
     return f"{scans} scan{'' if scans == 1 else 's'}" if scans else "no scan"
@@ -56,28 +60,24 @@ def describe_state(session: Session) -> str:
             return f"was cancelled after {count_scans(session)}"
 
 
-def describe(session: Session) -> Text:
-    """What came of the session and why, how certain the answer is, and what it says; one paragraph."""
+def describe(session: Session) -> Iterator[Text]:
+    """What came of the session and why, how certain the answer is, and what it says; a paragraph each."""
     text = Text(f"Session {clean(session.id)} ")
     text.append(f"{describe_state(session)}.", f"bold {STYLES[session.state]}")
-    for sentence in (*_reason(session), *_accuracy(session), *_answer(session.estimate)):
-        text.append(f" {sentence}")
-    return text
-
-
-def _reason(session: Session) -> Iterator[str]:
     reason = session.reason or {}
     for member in ("detail", "remedy"):
         if reason.get(member):
-            yield clean(reason[member])
-
-
-def _accuracy(session: Session) -> Iterator[str]:
-    """The error to expect; it says nothing where the estimate does not explain the samples."""
+            text.append(f" {clean(reason[member])}")
+    yield text
     if reason_name(session) in (Exhaustion.MISFIT, Exhaustion.SENSOR):
-        yield "The estimate is not to be used."
-        return
-    estimate = session.estimate
+        yield Text("The estimate is not to be used.")
+    else:
+        yield Text(" ".join(_accuracy(session.estimate)))
+        if session.estimate.samples:
+            yield Text(_answer(session.estimate))
+
+
+def _accuracy(estimate: Estimate) -> Iterator[str]:
     yield (
         f"The mean error of the object's points is expected to be {millimetres(estimate.expected_error)}, and is at "
         f"most {millimetres(estimate.error_quantile)} with 95 % confidence."
@@ -88,17 +88,15 @@ def _accuracy(session: Session) -> Iterator[str]:
     if len(estimate.modes) > 1 and estimate.modes[0].weight < _CERTAIN:
         yield (
             f"{len(estimate.modes)} different poses explain the samples; this one has a probability of "
-            f"{estimate.modes[0].weight:.0%}."
+            f"{percent(estimate.modes[0].weight)}."
         )
 
 
-def _answer(estimate: Estimate) -> Iterator[str]:
-    if not estimate.samples:
-        return
+def _answer(estimate: Estimate) -> str:
     correction = estimate.base_T_correction
     shift = 1000 * (correction.apply(estimate.centroid) - estimate.centroid)
     degrees = np.degrees(np.linalg.norm(vector_from_rotation(correction.rotation)))
-    yield (
+    return (
         f"The correction moves the object's centroid by ({', '.join(f'{each:.1f}' for each in shift)}) mm in base and "
         f"turns it by {degrees:.1f} deg; {estimate.inliers} of {estimate.samples} samples agree with it."
     )
@@ -125,13 +123,13 @@ def describe_scan(scan: ScanSummary) -> Text:
 
 
 def describe_returns(scan: ScanSummary) -> str:
-    return f"{scan.returns / scan.samples:.0%}" if scan.samples else "none"
+    return percent(scan.returns / scan.samples) if scan.samples else "none"
 
 
 def describe_plan(plan: ScanPlan) -> Text:
     """The next scan in one line."""
     return Text(
         f"next: {clean(plan.scan_id)} along {clean(plan.path_id)}, {millimetres(plan.path.length)} in "
-        f"{plan.path.duration:.1f} s, {plan.expected_returns:.0%} expected to return",
+        f"{plan.path.duration:.1f} s, {percent(plan.expected_returns)} expected to return",
         "dim",
     )
