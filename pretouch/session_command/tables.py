@@ -46,8 +46,8 @@ _SCAN_COLUMNS = (
     _Column("path", 3, 9, number=False),
     _Column("samples", 4, 7),
     _Column("returned", 2, 8),
-    _Column("mm", 6, 5),
-    _Column("s", 5, 5),
+    _Column("path mm", 6, 7),
+    _Column("robot s", 5, 7),
     _Column("expected mm", 1, 11),
 )
 
