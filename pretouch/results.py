@@ -61,23 +61,28 @@ def check_folder(path: Path) -> None:
 
 
 def write_json(path: Path, document: Any) -> None:
-    """Writes `document`; a file is replaced at once or stays as it was.
+    """Writes `document` as `write_file` does."""
+    write_file(path, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Writes `content`; a file is replaced at once or stays as it was.
 
     Raises:
         Unavailable: it cannot be written after all.
     """
-    text = json.dumps(document, indent=1) + "\n"
     try:
         if path == STANDARD_OUTPUT:
             if sys.stdout is None:
                 raise OSError(errno.EBADF, "it is closed")
-            sys.stdout.write(text)
             sys.stdout.flush()
+            sys.stdout.buffer.write(content)
+            sys.stdout.buffer.flush()
         elif _is_special(path):
-            path.write_text(text)
+            path.write_bytes(content)
         else:
             draft = path.with_name(path.name + ".new")
-            draft.write_text(text)
+            draft.write_bytes(content)
             draft.replace(path)
     except BrokenPipeError:
         raise

@@ -97,6 +97,12 @@ def session_path(session_id: str) -> str:
     return f"/v1/sessions/{check_id('session', session_id)}"
 
 
+def report_call(session_id: str) -> Call[HttpMessage, HttpAnswer, bytes]:
+    """The session's report, which only REST offers."""
+    message = HttpMessage("GET", session_path(session_id) + "/report", {"headers": {"Accept": "text/html"}})
+    return Call(message, _read_page)
+
+
 def _scan_path(session_id: str, scan_id: str) -> str:
     return f"{session_path(session_id)}/scans/{check_id('scan', scan_id)}"
 
@@ -127,6 +133,15 @@ def read_retry_after(text: str) -> float | None:
         return max(parsedate_to_datetime(text).timestamp() - time.time(), 0.0)
     except (TypeError, ValueError, OverflowError):
         return None
+
+
+def _read_page(answer: HttpAnswer) -> bytes:
+    raise_for_problem(answer)
+    if not answer.headers.get("content-type", "").startswith("text/html"):
+        raise Internal(
+            f"The answer of {answer.url} is not HTML.", "Check that the address is that of a pretouch orchestrator."
+        )
+    return answer.body
 
 
 def _decode_with(parse: Callable[[object], ResultT]) -> Callable[[HttpAnswer], ResultT]:

@@ -1,5 +1,7 @@
 """The REST client."""
 
+# ruff: noqa: ASYNC109 -- a call's timeout covers its retries, which a timeout around the call could not tell apart
+
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator
@@ -16,12 +18,13 @@ from pretouch.client.rest_api import (
     HttpMessage,
     RestSessionApi,
     raise_for_problem,
+    report_call,
     session_path,
     with_trace,
 )
 from pretouch.client.retries import TIMEOUT
 from pretouch.client.time_limit import within_async
-from pretouch.errors import TooLarge
+from pretouch.errors import NotFound, TooLarge, Unavailable
 from pretouch.tracing import propagated
 
 
@@ -53,6 +56,22 @@ class AsyncRestClient(AsyncClient[HttpMessage, HttpAnswer]):
     async def close(self) -> None:
         await super().close()
         await self._http.aclose()
+
+    async def report(self, session_id: str, *, timeout: float | None = None) -> bytes:
+        """Downloads the session's report: one self-contained page of HTML, running or ended.
+
+        Raises:
+            NotFound: there is no such session.
+            Unavailable: the orchestrator is older than reports.
+        """
+        try:
+            return await self._run(lambda: report_call(session_id), timeout)
+        except NotFound as error:
+            await self.session(session_id, timeout=timeout)  # raises if it is the session that is unknown
+            raise Unavailable(
+                f"The orchestrator at {self._base_url} makes no reports.",
+                "It is older than this client: update it, or read the session itself.",
+            ) from error
 
     async def _send(self, message: HttpMessage, seconds: float) -> HttpAnswer:
         with raising_transport_errors(self._base_url):

@@ -1,6 +1,8 @@
 # Generated from pretouch/client/asynchronous by `make client`: change that.
 """The REST client."""
 
+# ruff: noqa: ASYNC109 -- a call's timeout covers its retries, which a timeout around the call could not tell apart
+
 from __future__ import annotations
 
 from collections.abc import Generator
@@ -16,13 +18,14 @@ from pretouch.client.rest_api import (
     HttpMessage,
     RestSessionApi,
     raise_for_problem,
+    report_call,
     session_path,
     with_trace,
 )
 from pretouch.client.retries import TIMEOUT
 from pretouch.client.synchronous.client import SyncClient
 from pretouch.client.time_limit import within
-from pretouch.errors import TooLarge
+from pretouch.errors import NotFound, TooLarge, Unavailable
 from pretouch.tracing import propagated
 
 
@@ -54,6 +57,22 @@ class RestClient(SyncClient[HttpMessage, HttpAnswer]):
     def close(self) -> None:
         super().close()
         self._http.close()
+
+    def report(self, session_id: str, *, timeout: float | None = None) -> bytes:
+        """Downloads the session's report: one self-contained page of HTML, running or ended.
+
+        Raises:
+            NotFound: there is no such session.
+            Unavailable: the orchestrator is older than reports.
+        """
+        try:
+            return self._run(lambda: report_call(session_id), timeout)
+        except NotFound as error:
+            self.session(session_id, timeout=timeout)  # raises if it is the session that is unknown
+            raise Unavailable(
+                f"The orchestrator at {self._base_url} makes no reports.",
+                "It is older than this client: update it, or read the session itself.",
+            ) from error
 
     def _send(self, message: HttpMessage, seconds: float) -> HttpAnswer:
         with raising_transport_errors(self._base_url):
