@@ -134,6 +134,16 @@ def is_rigid(matrices: Array) -> NDArray[np.bool_]:
     return np.asarray(orthonormal & right_handed & last_row)
 
 
+def check_poses(matrices: Array, name: str) -> None:
+    """Raises `InvalidInput` if a matrix of (n, 4, 4) is no pose; `name` with its number is what the error calls it."""
+    crooked = np.flatnonzero(~is_rigid(matrices))
+    if len(crooked):
+        raise InvalidInput(
+            f"{name}[{crooked[0]}].base_T_tip is not a rigid transform.",
+            "Send the tip's pose in base, z along the beam.",
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Pose:
     """A rigid transform `a_T_b`.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pretouch.errors import InvalidInput, Malformed, TooLarge
-from pretouch.geometry import MAX_DISTANCE, Array, Pose, frozen_array, is_rigid
+from pretouch.geometry import MAX_DISTANCE, Array, Pose, check_poses, frozen_array
 
 MAX_SAMPLES = 20_000
 MAX_TIME = 1e12
@@ -114,12 +114,7 @@ class RangeSamples:
                 "Send the samples in the order of time.",
             )
         poses = frozen_array(self.base_T_tip, (n, 4, 4), "samples.base_T_tip", MAX_DISTANCE)
-        crooked = np.flatnonzero(~is_rigid(poses))
-        if len(crooked):
-            raise InvalidInput(
-                f"samples[{crooked[0]}].base_T_tip is not a rigid transform.",
-                "Send the tip's pose in base, z along the beam.",
-            )
+        check_poses(poses, "samples")
         ranges = np.array(self.range, dtype=np.float64)
         if ranges.shape != (n,) or np.isinf(ranges).any():
             raise Malformed("samples.range is not one finite number or null a sample.", "Send null for no return.")

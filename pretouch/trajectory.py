@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pretouch.errors import InvalidInput
-from pretouch.geometry import Array, frozen_array, rotations_from_vectors, vector_from_rotation
+from pretouch.geometry import (
+    MAX_DISTANCE,
+    Array,
+    check_poses,
+    frozen_array,
+    rotations_from_vectors,
+    vector_from_rotation,
+)
+from pretouch.tof import MAX_TIME
 
 APPROACH_SECONDS = 1.5
 """s: what a scan costs the robot besides its duration: to lift the tip from the scan before, travel, and come down.
@@ -26,16 +34,21 @@ class Trajectory:
     Attributes:
         t: (n,) times in seconds, strictly increasing, n >= 1.
         base_T_tip: (n, 4, 4) poses of the tip in base, translation in metres; the tip frame has z along the beam.
+
+    Raises:
+        Malformed: a number is not finite.
+        InvalidInput: a number too large, no waypoint, times out of order, or a matrix that is no pose.
     """
 
     t: Array
     base_T_tip: Array
 
     def __post_init__(self) -> None:
-        t = frozen_array(self.t, (None,), "waypoints.t")
-        poses = frozen_array(self.base_T_tip, (len(t), 4, 4), "waypoints.base_T_tip")
+        t = frozen_array(self.t, (None,), "waypoints.t", MAX_TIME)
+        poses = frozen_array(self.base_T_tip, (len(t), 4, 4), "waypoints.base_T_tip", MAX_DISTANCE)
         if len(t) == 0 or (np.diff(t) <= 0).any():
             raise InvalidInput("The waypoints' times do not increase strictly.", "Send one waypoint or more, in order.")
+        check_poses(poses, "waypoints")
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "base_T_tip", poses)
 
