@@ -193,7 +193,7 @@ def _thin(points: NDArray[np.float64], most: int) -> NDArray[np.float64]:
     """At most `most` of the points, evenly chosen."""
     if len(points) <= most:
         return points
-    return points[np.linspace(0, len(points) - 1, most).astype(int)]
+    return np.asarray(points[np.linspace(0, len(points) - 1, most).astype(int)])
 
 
 def _pack(points: Array, origin: Array) -> list[int]:

@@ -113,7 +113,7 @@ function showScene(place, doc) {
     pen.scale(ratio, ratio);
     const style = getComputedStyle(place), colour = (name) => style.getPropertyValue(`--${name}`) || style.color;
     const cy = Math.cos(state.yaw), sy = Math.sin(state.yaw), cp = Math.cos(state.pitch), sp = Math.sin(state.pitch);
-    const scale = (0.42 * Math.min(width, height) * state.zoom) / radius;
+    const scale = (0.38 * Math.min(width, height) * state.zoom) / radius;
     const project = (x, y, z) => {
       const a = -sy * x + cy * y, b = cy * x + sy * y;
       return [width / 2 + scale * a, height / 2 - scale * (z * cp - b * sp)];
@@ -152,6 +152,7 @@ function showScene(place, doc) {
     }
     if (state.shown.believed) drawBelief(line, estimate);
     drawScale(pen, scale, height, colour("text"));
+    drawAxes(pen, (x, y, z) => project(x / scale, y / scale, z / scale), width, height, colour("text"));
     const mm = (x) => `${(1000 * x).toFixed(1)} mm`;
     const scan = k ? doc.scans[k - 1] : null;
     says.textContent = (scan ? `${k} of ${last}: ${scan.path}, ${scan.returns} of ${scan.samples} samples returned` : `0 of ${last}: before the first scan`)
@@ -226,6 +227,22 @@ function drawScale(pen, scale, height, colour) {
   pen.fillRect(12, height - 14, length * scale, 3);
   pen.font = "12px system-ui, sans-serif";
   pen.fillText(`${1000 * length} mm`, 12, height - 20);
+}
+
+// The base frame's directions, in a corner.
+function drawAxes(pen, project, width, height, colour) {
+  const [u0, v0] = [width - 55 - width / 2, height - 45 - height / 2];
+  pen.strokeStyle = pen.fillStyle = colour;
+  pen.lineWidth = 1.5;
+  for (const [name, axis] of [["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]]) {
+    const at = (length) => project(...axis.map((c) => c * length)).map((c, k) => c + [u0, v0][k]);
+    pen.beginPath();
+    pen.moveTo(...at(0));
+    pen.lineTo(...at(28));
+    pen.stroke();
+    const [u, v] = at(38);
+    pen.fillText(name, u - 3, v + 4);
+  }
 }
 
 // A chart's frame with a y axis in mm from low to high; returns the svg and the two scales.
