@@ -65,10 +65,10 @@ def build_document(record: Record, events: Iterable[NewEvent]) -> dict[str, Any]
         "regions": [_describe_region(record, k) for k in range(len(record.regions))],
         "origin": origin.tolist(),
         "unit": UNIT,
-        "cloud": _pack(_thin(record.scene.cloud, _MOST_POINTS), origin),
+        "cloud": pack_points(_thin(record.scene.cloud, _MOST_POINTS), origin),
         "estimates": _list_estimates(record, events, origin),
         "scans": scans,
-        "next_path": [] if plan is None else _pack(_thin(plan.path.base_T_tip[:, :3, 3], share), origin),
+        "next_path": [] if plan is None else pack_points(_thin(plan.path.base_T_tip[:, :3, 3], share), origin),
         "request": request_to_json(record.request),
     }
 
@@ -92,8 +92,7 @@ def _list_facts(record: Record) -> list[list[str]]:
 
 def _describe_picture(record: Record) -> dict[str, Any]:
     picture = draw_scene(record.scene)
-    width, height = picture.size
-    return {"data": picture.data, "width": width, "height": height, "near": picture.near, "far": picture.far}
+    return {"data": picture.data, "window": picture.window, "near": picture.near, "far": picture.far}
 
 
 def _describe_region(record: Record, index: int) -> dict[str, Any]:
@@ -123,9 +122,9 @@ def _describe_scan(
         "returns": summary.returns,
         "seconds": summary.duration,
         "length": summary.length,
-        "hits": _pack(hits, origin),
-        "misses": _pack(missed, origin),
-        "tip": _pack(tip, origin),
+        "hits": pack_points(hits, origin),
+        "misses": pack_points(missed, origin),
+        "tip": pack_points(tip, origin),
         "pixels": _to_pixels(record, hits[:: max(1, len(hits) // 200)]),
         "residuals": _measure_residuals(hits, directions, surface),
     }
@@ -196,6 +195,6 @@ def _thin(points: NDArray[np.float64], most: int) -> NDArray[np.float64]:
     return np.asarray(points[np.linspace(0, len(points) - 1, most).astype(int)])
 
 
-def _pack(points: Array, origin: Array) -> list[int]:
+def pack_points(points: Array, origin: Array) -> list[int]:
     """The points (n, 3), m, in UNIT about the origin: x, y, z, x, y, z, ..."""
     return [int(x) for x in np.round((points - origin) / UNIT).ravel()]

@@ -93,7 +93,7 @@ def _render_section(heading: str, document: dict[str, Any]) -> str:
         f'<section data-report><h2>{escape(heading)}</h2><p class="outcome">{escape(document["outcome"])}</p>{warnings}'
         f'<div class="row"><div class="panel"><h3>What the camera saw, and where the finger went</h3>'
         f'<div class="picture" data-view="picture"><img src="{escape(picture["data"])}" alt="{escape(seen)}" '
-        f'width="{picture["width"]}" height="{picture["height"]}"></div>'
+        f'width="{picture["window"][2]}" height="{picture["window"][3]}"></div>'
         f'<p class="note">The object in colour from {picture["near"]:.3f} m (yellow) to {picture["far"]:.3f} m (dark '
         "blue); pale grey: the table; dark grey: other things; black: no depth. White outlines: regions; dots: where "
         "the finger&#x27;s beams ended, numbered by scan.</p></div>"

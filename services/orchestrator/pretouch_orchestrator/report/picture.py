@@ -15,6 +15,8 @@ from pretouch.scene import TABLE_BAND, Scene
 
 _MAX_SIDE = 420
 """px, of the picture: a PNG of noise of this size takes less than 200 kB."""
+_MARGIN = 0.6
+"""Around the object, as a share of its longer side."""
 _NEAR, _MIDDLE, _FAR = (253.0, 231.0, 90.0), (70.0, 150.0, 160.0), (30.0, 45.0, 110.0)
 """The object from near to far; lightness alone tells the depth too."""
 _LEVELS = 64
@@ -26,12 +28,12 @@ class Picture:
 
     Attributes:
         data: the `data:` URL.
-        size: (w, h), px, of the scene.
+        window: (u0, v0, w, h): the part of the scene, in its pixels.
         near, far: m, depths of the object's lightest and darkest pixels.
     """
 
     data: str
-    size: tuple[int, int]
+    window: tuple[int, int, int, int]
     near: float
     far: float
 
@@ -41,8 +43,11 @@ def draw_scene(scene: Scene) -> Picture:
     depth.
     """
     height, width = scene.depth.metres.shape
-    step = max(1, -(-max(height, width) // _MAX_SIDE))
-    small = np.s_[::step, ::step]
+    u0, v0, u1, v1 = scene.bounds()
+    margin = int(_MARGIN * max(u1 - u0, v1 - v0))
+    u0, v0, u1, v1 = max(0, u0 - margin), max(0, v0 - margin), min(width, u1 + margin), min(height, v1 + margin)
+    step = -(-max(u1 - u0, v1 - v0) // _MAX_SIDE)
+    small = np.s_[v0:v1:step, u0:u1:step]
     depth, mask = np.asarray(scene.depth.metres[small], dtype=np.float64), scene.mask[small]
     near, far = (float(x) for x in np.quantile(scene.depth.metres[scene.mask], (0.02, 0.98)))
     share = np.clip((depth - near) / max(far - near, 1e-6), 0, 1)
@@ -54,7 +59,7 @@ def draw_scene(scene: Scene) -> Picture:
     file = io.BytesIO()
     Image.fromarray(colours.astype(np.uint8)).quantize(128).save(file, "PNG", optimize=True)
     data = base64.b64encode(file.getvalue()).decode("ascii")
-    return Picture(f"data:image/png;base64,{data}", (width, height), near, far)
+    return Picture(f"data:image/png;base64,{data}", (u0, v0, u1 - u0, v1 - v0), near, far)
 
 
 def _colour(share: NDArray[np.float64]) -> Array:

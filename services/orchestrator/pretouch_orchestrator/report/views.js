@@ -27,9 +27,9 @@ export function showViews(root, doc) {
 
 // The regions' outlines, and where each scan's beams ended, numbered in their order.
 function showOverlay(place, doc) {
-  const { width, height } = doc.picture;
+  const [left, top, width, height] = doc.picture.window;
   place.querySelector("svg")?.remove();
-  const svg = make("svg", { viewBox: `-0.5 -0.5 ${width} ${height}`, "aria-hidden": "true" });
+  const svg = make("svg", { viewBox: `${left - 0.5} ${top - 0.5} ${width} ${height}`, "aria-hidden": "true" });
   const size = width / 36, thin = width / 400;
   for (const region of doc.regions) {
     const points = region.corners.map((c) => c.join(",")).join(" ");
@@ -246,8 +246,8 @@ function drawAxes(pen, project, width, height, colour) {
 }
 
 // A chart's frame with a y axis in mm from low to high; returns the svg and the two scales.
-function frame(low, high, xs, label, description) {
-  const W = 560, H = 300, L = 48, R = 12, T = 12, B = 44;
+function frame(place, low, high, xs, label, description) {
+  const W = Math.min(560, Math.max(280, place.clientWidth)), H = 300, L = 48, R = 12, T = 12, B = 44;
   const svg = make("svg", { class: "chart", viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": description });
   const x0 = xs[0].at, x1 = Math.max(xs.at(-1).at, x0 + 1e-9);
   const x = (v) => L + ((v - x0) / (x1 - x0)) * (W - L - R);
@@ -283,7 +283,7 @@ function showErrors(place, doc) {
   const truth = doc.truth?.errors.map((e) => 1000 * e), asked = 1000 * doc.tolerance.error;
   const high = 1.08 * Math.max(asked, ...most, ...(truth ?? []));
   const label = axis === "scans" ? "scans made" : "robot seconds";
-  const { svg, x, y } = frame(0, high, xs, label, `Error over ${label}: expected ${expected.map((e) => e.toFixed(1)).join(", ")} mm; the table holds the numbers.`);
+  const { svg, x, y } = frame(place, 0, high, xs, label, `Error over ${label}: expected ${expected.map((e) => e.toFixed(1)).join(", ")} mm; the table holds the numbers.`);
   const path = (values) => values.map((v, k) => `${x(xs[k].at)},${y(v)}`).join(" ");
   svg.append(make("polygon", { class: "band", points: `${path(most)} ${x(xs.at(-1).at)},${y(0)} ${x(xs[0].at)},${y(0)}` }));
   svg.append(make("line", { class: "asked", x1: x(xs[0].at), x2: x(Math.max(xs.at(-1).at, xs[0].at + 1e-9)), y1: y(asked), y2: y(asked) }));
@@ -305,7 +305,7 @@ function showResiduals(place, doc) {
   }
   const std = 1000 * doc.range_std, reach = 1.1 * Math.max(2 * std, ...known.flatMap(([, r]) => r.map(Math.abs)));
   const xs = [{ at: 0.4, text: "" }, ...doc.scans.map((_, k) => ({ at: k + 1, text: String(k + 1) })), { at: doc.scans.length + 0.6, text: "" }];
-  const { svg, x, y } = frame(-reach, reach, xs, "scan", `Residuals by scan, median: ${known.map(([k, r]) => `${k}: ${r[2].toFixed(1)} mm`).join(", ")}`);
+  const { svg, x, y } = frame(place, -reach, reach, xs, "scan", `Residuals by scan, median: ${known.map(([k, r]) => `${k}: ${r[2].toFixed(1)} mm`).join(", ")}`);
   const half = Math.min(14, (0.3 * 500) / doc.scans.length);
   svg.append(make("rect", { class: "band", x: x(0.4), width: x(doc.scans.length + 0.6) - x(0.4), y: y(2 * std), height: y(-2 * std) - y(2 * std) }));
   for (const [k, [p5, p25, p50, p75, p95]] of known) {
