@@ -44,7 +44,7 @@ def build_document(record: Record, events: Iterable[NewEvent]) -> dict[str, Any]
         events: those of types `scan` and `estimate`, the oldest first; others are passed over.
     """
     origin = np.round(record.scene.centroid, 4)
-    surface = Surface.from_estimate(record.scene, record.estimate)
+    surface = _believe_surface(record)
     share = max(1, min(_MOST_BEAMS_OF_A_SCAN, _MOST_BEAMS // max(1, len(record.scans))))
     scans = [
         _describe_scan(record, summary, scan, surface, origin, share)
@@ -81,7 +81,7 @@ def _list_facts(record: Record) -> list[list[str]]:
         ["Expected error", f"{1000 * estimate.expected_error:.2f} mm"],
         ["Error, at most (95 %)", f"{1000 * estimate.error_quantile:.2f} mm"],
         ["Scans", f"{used.scans} of {budget.scans}"],
-        ["Robot time", f"{used.seconds:.1f} of {budget.seconds:g} s"],
+        ["Robot time", f"{used.seconds:.1f} of {budget.seconds:,.6g} s"],
         ["Share of the object scanned", f"{used.fraction:.1%} of {budget.fraction:.1%} allowed"],
         ["Samples that agree", f"{estimate.inliers} of {estimate.samples}"],
         ["Fit (p-value)", f"{estimate.fit:.3g}"],
@@ -128,6 +128,13 @@ def _describe_scan(
         "pixels": _to_pixels(record, hits[:: max(1, len(hits) // 200)]),
         "residuals": _measure_residuals(hits, directions, surface),
     }
+
+
+def _believe_surface(record: Record) -> Surface:
+    """The camera's points as presently corrected, as a cone sees them from the standoff."""
+    surface = Surface.from_estimate(record.scene, record.estimate)
+    radius = record.request.scan.standoff * float(np.tan(record.request.sensor.beam_half_angle))
+    return surface.dilate(radius) if radius > 0 else surface
 
 
 def _measure_residuals(hits: Array, directions: Array, surface: Surface) -> list[float]:

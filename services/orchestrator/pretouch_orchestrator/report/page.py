@@ -26,7 +26,7 @@ _SCAN_HEADINGS = (
     "at most (95 %), mm",
     "fit (p)",
 )
-_REGION_HEADINGS = ("region", "confidence", "expected error if scanned next, mm", "scanned as")
+_REGION_HEADINGS = ("region", "confidence", "error expected after, mm", "scanned as")
 
 
 def render_page(title: str, about: str, documents: Sequence[tuple[str, dict[str, Any]]]) -> str:
@@ -97,14 +97,14 @@ def _render_section(heading: str, document: dict[str, Any]) -> str:
         f'<p class="note">The object in colour from {picture["near"]:.3f} m (yellow) to {picture["far"]:.3f} m (dark '
         "blue); pale grey: the table; dark grey: other things; black: no depth. White outlines: regions; dots: where "
         "the finger&#x27;s beams ended, numbered by scan.</p></div>"
-        f'<div class="panel"><h3>In numbers</h3>{facts}</div></div>'
+        f'<div class="panel"><h3>In numbers</h3>{facts}'
+        '<h3>Error over the session</h3><div data-view="errors"></div></div></div>'
         '<div class="panel"><h3>Before and after, in the robot&#x27;s base frame</h3><div data-view="scene">'
         '<p class="note">Needs JavaScript.</p></div><p class="note">Drag or use the arrow keys to turn; pinch, Ctrl '
         "and wheel, or + and - to zoom; z is up.</p></div>"
-        '<div class="row"><div class="panel"><h3>Error over the session</h3><div data-view="errors"></div></div>'
-        '<div class="panel"><h3>Residuals by scan</h3><div data-view="residuals"></div></div></div>'
         f'<div class="panel"><h3>Scans</h3>{_render_scans(document)}</div>'
-        f'<div class="panel"><h3>Regions, the proposer&#x27;s best first</h3>{_render_regions(document)}</div>'
+        '<div class="row"><div class="panel"><h3>Residuals by scan</h3><div data-view="residuals"></div></div>'
+        f'<div class="panel"><h3>Regions, the proposer&#x27;s best first</h3>{_render_regions(document)}</div></div>'
         f'<details class="panel"><summary>To reproduce it: session {escape(document["id"])}, created '
         f"{escape(document['created'])}; report by pretouch {escape(document['version'])}</summary>"
         f"<pre>{request}</pre></details>"

@@ -102,8 +102,9 @@ function showScene(place, doc) {
   const corrected = doc.estimates.map(() => null);
   const scans = doc.scans.map((scan) => ({ hits: unpack(scan.hits, doc.unit), misses: unpack(scan.misses, doc.unit), tip: unpack(scan.tip, doc.unit) }));
   const truth = doc.truth?.points ? unpack(doc.truth.points, doc.unit) : null;
-  let radius = 0.02;
-  for (let i = 0; i < cloud.length; i += 3) radius = Math.max(radius, Math.hypot(cloud[i], cloud[i + 1], cloud[i + 2]));
+  const distances = [];
+  for (let i = 0; i < cloud.length; i += 3) distances.push(Math.hypot(cloud[i], cloud[i + 1], cloud[i + 2]));
+  const radius = Math.max(0.02, distances.sort((a, b) => a - b)[Math.floor(0.95 * distances.length)] ?? 0); // no stray points
 
   function draw() {
     const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
