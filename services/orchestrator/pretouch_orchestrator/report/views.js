@@ -114,7 +114,7 @@ function showScene(place, doc) {
     pen.scale(ratio, ratio);
     const style = getComputedStyle(place), colour = (name) => style.getPropertyValue(`--${name}`) || style.color;
     const cy = Math.cos(state.yaw), sy = Math.sin(state.yaw), cp = Math.cos(state.pitch), sp = Math.sin(state.pitch);
-    const scale = (0.38 * Math.min(width, height) * state.zoom) / radius;
+    const scale = (0.46 * Math.min(width, height) * state.zoom) / radius;
     const project = (x, y, z) => {
       const a = -sy * x + cy * y, b = cy * x + sy * y;
       return [width / 2 + scale * a, height / 2 - scale * (z * cp - b * sp)];
