@@ -56,14 +56,11 @@ def shop(fakes: FakeUpstream, tmp_path_factory: pytest.TempPathFactory) -> Any:
 async def test_a_report_is_for_its_owners_tokens_that_only_read_too(shop: Shop) -> None:
     async with shop.client("rest", shop.full) as owner:
         session = await owner.create_session(request(), DEPTH, MASK)
-    answers = {
-        token: httpx.get(
-            f"{shop.orchestrator.rest_url}/v1/sessions/{session.id}/report",
-            headers={"Authorization": f"Bearer {token}"},
-            timeout=WITHIN,
-        ).status_code
-        for token in (shop.full, shop.read, TOKEN)
-    }
+    answers = {}
+    async with httpx.AsyncClient(base_url=shop.orchestrator.rest_url, timeout=WITHIN) as rest:
+        for token in (shop.full, shop.read, TOKEN):
+            headers = {"Authorization": f"Bearer {token}"}
+            answers[token] = (await rest.get(f"/v1/sessions/{session.id}/report", headers=headers)).status_code
     assert answers == {shop.full: 200, shop.read: 200, TOKEN: 404}
 
 

@@ -7,10 +7,8 @@ import io
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
-from pretouch.geometry import Array
 from pretouch.scene import TABLE_BAND, Scene
 
 _MAX_SIDE = 420
@@ -19,7 +17,11 @@ _MARGIN = 0.6
 """Around the object, as a share of its longer side."""
 _NEAR, _MIDDLE, _FAR = (253.0, 231.0, 90.0), (70.0, 150.0, 160.0), (30.0, 45.0, 110.0)
 """The object from near to far; lightness alone tells the depth too."""
+_PALE, _DARK, _DARKENING = 205.0, 120.0, 50.0
+"""The table's and other things' grey where they are near, and how much darker it is where they are far."""
+_NO_DEPTH, _OBJECT, _TABLE, _OTHER = range(4)
 _LEVELS = 64
+"""Colours of each."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +53,22 @@ def draw_scene(scene: Scene) -> Picture:
     depth, mask = np.asarray(scene.depth.metres[small], dtype=np.float64), scene.mask[small]
     near, far = (float(x) for x in np.quantile(scene.depth.metres[scene.mask], (0.02, 0.98)))
     share = np.clip((depth - near) / max(far - near, 1e-6), 0, 1)
-    share = np.round(share * _LEVELS) / _LEVELS  # fewer colours compress better
     table = np.abs(scene.organised[small] @ scene.table.normal - scene.table.offset) < TABLE_BAND
-    grey = np.where(table, 205, 120)[..., None] - 50 * share[..., None] * np.ones(3)
-    colours = np.where(mask[..., None], _colour(share), grey)
-    colours[depth <= 0] = 0
+    ramp = np.select([depth <= 0, mask, table], [_NO_DEPTH, _OBJECT, _TABLE], _OTHER)
+    colours = (_LEVELS * ramp + np.round(share * (_LEVELS - 1))).astype(np.uint8)
+    image = Image.fromarray(colours, "P")
+    image.putpalette(_make_palette())
     file = io.BytesIO()
-    Image.fromarray(colours.astype(np.uint8)).quantize(128).save(file, "PNG", optimize=True)
+    image.save(file, "PNG", optimize=True)
     data = base64.b64encode(file.getvalue()).decode("ascii")
     return Picture(f"data:image/png;base64,{data}", (u0, v0, u1 - u0, v1 - v0), near, far)
 
 
-def _colour(share: NDArray[np.float64]) -> Array:
+def _make_palette() -> bytes:
+    """The colours of the four ramps, each from near to far."""
+    share = np.linspace(0, 1, _LEVELS)
     stops = np.array([_NEAR, _MIDDLE, _FAR])
-    return np.stack([np.interp(share, (0, 0.5, 1), stops[:, k]) for k in range(3)], axis=-1)
+    ramps = np.zeros((4, _LEVELS, 3))
+    ramps[_OBJECT] = np.stack([np.interp(share, (0, 0.5, 1), stops[:, k]) for k in range(3)], axis=-1)
+    ramps[_TABLE], ramps[_OTHER] = (_PALE - _DARKENING * share)[:, None], (_DARK - _DARKENING * share)[:, None]
+    return ramps.astype(np.uint8).tobytes()
