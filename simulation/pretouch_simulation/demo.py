@@ -25,6 +25,7 @@ class Recording:
         states: the session as opened, then after each scan.
         pace: how many times as fast as planned the robot moves.
         points: (n, 3), m, in base, for each scan: where the fingertip's beams ended.
+        report: what the orchestrator's report of the session shows, once it has ended.
     """
 
     title: str
@@ -32,6 +33,7 @@ class Recording:
     pace: float = 1.0
     states: list[Session] = field(default_factory=list)
     points: list[Array] = field(default_factory=list)
+    report: dict[str, Any] = field(default_factory=dict)
 
     @property
     def last(self) -> Session:

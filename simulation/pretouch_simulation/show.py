@@ -26,7 +26,7 @@ from pretouch_simulation.frame_demo import engine_variable
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.picture import save_picture
 from pretouch_simulation.protocol import Case, generator, make_case
-from pretouch_simulation.report import save_report
+from pretouch_simulation.report import fetch_report, save_report
 from pretouch_simulation.robot import GatewayRobot
 from pretouch_simulation.services import Services
 
@@ -78,6 +78,7 @@ def show(results: Path, seed: int, camera: CameraModel, model: FingerModel, engi
                 recordings.append(Recording(f"{act.object_name}, {act.api}", cases[act.object_name], PACE))
                 for _ in _play(act, recordings[-1], services, fingers[act.object_name], sensor):
                     live.update(live_table(recordings), refresh=True)
+                recordings[-1].report = fetch_report(services.rest, recordings[-1].last.id)
     if not console.is_terminal:
         _print(console, "")  # elsewhere the table ends without a line break
     _print(console, *(f"{recording.title}: {recording.end()}" for recording in recordings))
@@ -113,14 +114,18 @@ def _save_results(recordings: Sequence[Recording], results: Path, how: str, cons
     results.mkdir(parents=True, exist_ok=True)
     picture, report = results / "picture.png", results / "report.html"
     save_picture(recordings, picture)
-    save_report(recordings, f"Simulated objects, camera and finger; all four services as they are; {how}.", report)
+    about = (
+        f"Simulated objects, camera and finger; all four services as they are; {how}. The robot moved {PACE:g} times "
+        "as fast as planned, and its seconds here are as it moved."
+    )
+    save_report(recordings, about, report)
     _print(
         console,
         "",
         f"{picture}: for each object the depth image with the regions in the order they were scanned; the camera's "
         "points before and after the correction, beside the true object and where the fingertip measured; and the "
         "error over the scans, as the estimate expected it and as it truly was.",
-        f"{report}: the same to turn and zoom, in one file.",
+        f"{report}: the sessions' reports as the orchestrator makes them, in one file, beside the truth.",
     )
 
 

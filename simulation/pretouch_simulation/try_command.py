@@ -8,6 +8,8 @@ from typing import Annotated
 import numpy as np
 import typer
 from pretouch_orchestrator.perception.depth_check import USUAL_DEPTH
+from pretouch_orchestrator.report.document import build_document
+from pretouch_orchestrator.report.page import render_page
 from pretouch_orchestrator.sessions.record import Record
 from rich.console import Console
 from rich.table import Table
@@ -20,6 +22,7 @@ from pretouch.results import check_file
 from pretouch_simulation.try_picture import save_try_picture
 from pretouch_simulation.try_session import OwnImage, open_session
 
+_ABOUT = "What pretouch finds and would scan first. The table is taken to be level, as nobody said where the camera is."
 _LARGE = 1.0
 """m: an object that is larger is most often a wrong scale, or more than one object."""
 _FLAT = 15.0
@@ -54,7 +57,9 @@ def try_image(
             show_default="found",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Where the picture goes.")] = Path("pretouch-try.png"),
+    out: Annotated[Path, typer.Option(help="Where the picture goes, and beside it the report, as .html.")] = Path(
+        "pretouch-try.png"
+    ),
 ) -> None:
     """Show what pretouch finds and plans in a depth image of your own; no robot, no services.
 
@@ -62,7 +67,9 @@ def try_image(
     """
     if out.suffix.lower() != ".png":
         raise InvalidInput(f"{out} is no .png file.", "Give --out FILE.png.")
-    check_file(out)
+    report = out.with_suffix(".html")
+    for file in (out, report):
+        check_file(file)
     camera = _camera({"fx": fx, "fy": fy, "cx": cx, "cy": cy})
     values = load_depth(depth)
     scale = depth_scale if depth_scale is not None else 0.001 if values.dtype == np.uint16 else 1.0
@@ -78,11 +85,14 @@ def try_image(
     record = open_session(image)
     try:
         save_try_picture(record, image.depth, out)
+        page = render_page("pretouch try", _ABOUT, [(depth.name, build_document(record, ()))])
+        report.write_text(page, encoding="utf-8")
     except OSError as error:
         raise InvalidInput(f"{out} cannot be written: {error.strerror}.", "Give --out another path.") from error
     Console(highlight=False).print(_table(record, image))
     _warn_of_view(record, image, told)
     told.print(f"{out}: the object with its regions, and the first scan from above and from the side.")
+    told.print(f"{report}: the same to turn and zoom, and the regions in numbers.")
 
 
 def _camera(intrinsics: dict[str, float | None]) -> Camera:

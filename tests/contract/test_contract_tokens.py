@@ -53,6 +53,17 @@ def shop(fakes: FakeUpstream, tmp_path_factory: pytest.TempPathFactory) -> Any:
         yield made
 
 
+async def test_a_report_is_for_its_owners_tokens_that_only_read_too(shop: Shop) -> None:
+    async with shop.client("rest", shop.full) as owner:
+        session = await owner.create_session(request(), DEPTH, MASK)
+    answers = {}
+    async with httpx.AsyncClient(base_url=shop.orchestrator.rest_url, timeout=WITHIN) as rest:
+        for token in (shop.full, shop.read, TOKEN):
+            headers = {"Authorization": f"Bearer {token}"}
+            answers[token] = (await rest.get(f"/v1/sessions/{session.id}/report", headers=headers)).status_code
+    assert answers == {shop.full: 200, shop.read: 200, TOKEN: 404}
+
+
 @pytest.mark.parametrize("kind", KINDS)
 async def test_a_token_for_reading_reads_and_changes_nothing(kind: str, shop: Shop) -> None:
     async with shop.client(kind, shop.full) as owner, shop.client(kind, shop.read) as reader:

@@ -342,3 +342,31 @@ def test_health_metrics_and_docs_are_served(rest: httpx.Client) -> None:
     assert "src=" not in page
     paths = rest.get("/openapi.json").json()["paths"]
     assert set(paths["/v1/sessions"]) == {"get", "post"}
+
+
+def test_a_report_is_there_at_any_moment_of_a_session(rest: httpx.Client) -> None:
+    session = opened(rest)
+    report = f"/v1/sessions/{session['id']}/report"
+    assert "Under way without a scan" in rest.get(report).text
+    session = scanned(rest, session)
+    answer = rest.get(report)
+    assert answer.headers["content-type"] == "text/html; charset=utf-8"
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "Under way after 1 scan" in answer.text
+    assert f"<td>{session['scans'][0]['path_id']}</td>" in answer.text
+    head = rest.head(report)
+    assert (head.status_code, head.content, head.headers["content-type"]) == (200, b"", "text/html; charset=utf-8")
+    document = rest.get(report, params={"format": "json"}).json()
+    assert [estimate["expected_error"] for estimate in document["estimates"]][1:] == [
+        scan["expected_error"] for scan in session["scans"]
+    ]
+    rest.delete(f"/v1/sessions/{session['id']}")
+    assert "Cancelled after 1 scan" in rest.get(report).text
+
+
+def test_a_report_of_what_is_not_there_is_a_problem(rest: httpx.Client) -> None:
+    assert_problem(rest.get("/v1/sessions/%3Cb%3E/report"), 404)
+    session = opened(rest)
+    assert_problem(rest.get(f"/v1/sessions/{session['id']}/report", params={"format": "pdf"}), 422, "format")

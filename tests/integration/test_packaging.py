@@ -30,6 +30,7 @@ def test_the_wheel_holds_code_protocol_weights_migrations_and_licence_and_no_tes
     wanted |= {f"pretouch_detector/weights/scorer.{kind}" for kind in ("onnx", "json", "safetensors")}
     orchestrator = ROOT / "services/orchestrator"
     wanted |= {str(script.relative_to(orchestrator)) for script in orchestrator.glob("*/store/migrations/*/*.sql")}
+    wanted |= {f"pretouch_orchestrator/report/{name}" for name in ("views.js", "boot.js", "style.css")}
     wanted |= {f"pretouch-{PROJECT['version']}.dist-info/licenses/LICENSE"}
     assert wanted <= held
     assert {name.split("/")[0] for name in held} == {*_packages(), f"pretouch-{PROJECT['version']}.dist-info"}

@@ -20,7 +20,7 @@ from pretouch.serving import ServiceContext, Settings, started
 TIMEOUT = 60
 WITHOUT_EXTRAS = """
 import importlib.abc, sys
-EXTRAS = {"cobs", "fastapi", "fastcrc", "matplotlib", "numba", "plotly", "psycopg", "scipy", "serial", "shapely",
+EXTRAS = {"cobs", "fastapi", "fastcrc", "matplotlib", "numba", "psycopg", "scipy", "serial", "shapely",
           "trimesh", "uvicorn"}
 class Absent(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):

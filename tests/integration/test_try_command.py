@@ -57,6 +57,9 @@ def test_it_says_what_it_found_and_draws_it(image: Path) -> None:
     with Image.open(picture) as drawn:
         assert drawn.size == (1700, 800)
         assert len(np.unique(np.asarray(drawn.convert("L")))) > 100
+    report = picture.with_suffix(".html").read_text()
+    assert "Under way without a scan" in report
+    assert "<td>region-1</td>" in report
 
 
 def test_a_float_image_with_mask_and_roi_is_in_metres(depth: DepthImage, tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ OPERATIONS = {
     "submit_scan": "POST /v1/sessions/{session_id}/scans/{scan_id}",
     "tell_samples": "POST /v1/sessions/{session_id}/scans/{scan_id}/samples",
     "stream_events": "GET /v1/sessions/{session_id}/events",
+    "get_report": "GET /v1/sessions/{session_id}/report",
     "list_devices": "GET /v1/devices",
     "get_device": "GET /v1/devices/{name}",
     "send_poses": "POST /v1/devices/{name}/poses",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import Header, Path, Query
 
@@ -31,5 +31,8 @@ LastEventId = Annotated[str, Header(alias="Last-Event-ID", description="Only eve
 Limit = Annotated[int, Query(ge=1, le=MAX_PAGE, description="Largest number of sessions on the page.")]
 Cursor = Annotated[
     str, Query(pattern=r"^\d{0,18}$", description="`next` of the previous page; left out: the first page.")
+]
+ReportFormat = Annotated[
+    Literal["html", "json"], Query(description="`html`: a page that needs nothing else; `json`: what it shows.")
 ]
 Purge = Annotated[bool, Query(description="Whether the session is also removed, with all that is stored of it.")]

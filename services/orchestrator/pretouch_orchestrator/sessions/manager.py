@@ -170,6 +170,11 @@ class SessionManager:
         """The present session; raises `NotFound`."""
         return (await self._store.load_session(owner, session_id)).session
 
+    async def load_history(self, owner: str, session_id: str) -> tuple[Record, list[Event]]:
+        """The present record, and the events of the types `scan`, `estimate` and `end`; raises `NotFound`."""
+        record = await self._load(owner, session_id)
+        return record, await self._store.load_events(session_id, 0, without="session")
+
     async def list_page(self, owner: str, limit: int, cursor: str) -> tuple[list[Session], str]:
         """At most `limit` sessions, the newest first, and the next page's cursor.
 

@@ -126,8 +126,8 @@ class Store(Protocol):
         """
         ...
 
-    async def load_events(self, session_id: str, after: int) -> list[Event]:
-        """The session's events whose id is greater than `after`."""
+    async def load_events(self, session_id: str, after: int, without: str = "") -> list[Event]:
+        """The session's events whose id is greater than `after`, without those of the type `without`."""
         ...
 
     async def find_keyed(self, owner: str, key: str) -> tuple[KeyedRequest, str] | None:

@@ -134,14 +134,15 @@ class SqlStore:
         sessions = await self._encode(lambda: [rows.session_from_view(row["message"]) for row in kept])
         return sessions, kept[-1]["number"] if len(found) > limit else None
 
-    async def load_events(self, session_id: str, after: int) -> list[Event]:
+    async def load_events(self, session_id: str, after: int, without: str = "") -> list[Event]:
         def work(tx: Transaction) -> list[Any]:
             found = tx.execute("SELECT number FROM session WHERE id = :id", {"id": session_id})
             if not found:
                 raise sql.not_found(session_id)
             return tx.execute(
-                "SELECT id, type, data FROM event WHERE session = :number AND id > :after ORDER BY id",
-                {"number": found[0]["number"], "after": after},
+                "SELECT id, type, data FROM event "
+                "WHERE session = :number AND id > :after AND type <> :without ORDER BY id",
+                {"number": found[0]["number"], "after": after, "without": without},
             )
 
         found = await self._database.read(work)

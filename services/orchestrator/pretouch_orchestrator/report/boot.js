@@ -1,0 +1,2 @@
+for (const root of document.querySelectorAll("[data-report]"))
+  showViews(root, JSON.parse(root.querySelector("script[type='application/json']").textContent));
