@@ -141,9 +141,7 @@ def test_what_needs_no_network_reaches_none(stack: Deployment, service: str) -> 
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_an_image_holds_neither_torch_nor_the_simulation_nor_pip(stack: Deployment, service: str) -> None:
-    script = (
-        "import importlib.util as u; print([m for m in ('torch', 'matplotlib', 'pip') if u.find_spec(m)])"
-    )
+    script = "import importlib.util as u; print([m for m in ('torch', 'matplotlib', 'pip') if u.find_spec(m)])"
     assert stack.inside(service, f'/opt/pretouch/bin/python -c "{script}"').strip() == "[]"
 
 
