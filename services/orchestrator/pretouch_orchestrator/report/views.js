@@ -69,7 +69,7 @@ function correct(points, { turn: r, shift: t }) {
 }
 
 const LAYERS = [["before", "camera's points as given", true], ["after", "as corrected", true], ["hit", "finger's returns", true],
-  ["miss", "finger's misses", false], ["path", "fingertip's path", true], ["believed", "where the centre may be (95 %), and weakest directions", true],
+  ["miss", "finger's misses", false], ["path", "fingertip's path, dashed where planned", true], ["believed", "where the centre may be (95 %), and weakest directions", true],
   ["truth", "true object", true]];
 
 function showScene(place, doc) {
@@ -114,7 +114,7 @@ function showScene(place, doc) {
     pen.scale(ratio, ratio);
     const style = getComputedStyle(place), colour = (name) => style.getPropertyValue(`--${name}`) || style.color;
     const cy = Math.cos(state.yaw), sy = Math.sin(state.yaw), cp = Math.cos(state.pitch), sp = Math.sin(state.pitch);
-    const scale = (0.46 * Math.min(width, height) * state.zoom) / radius;
+    const scale = (0.42 * Math.min(width, height) * state.zoom) / radius;
     const project = (x, y, z) => {
       const a = -sy * x + cy * y, b = cy * x + sy * y;
       return [width / 2 + scale * a, height / 2 - scale * (z * cp - b * sp)];
@@ -287,6 +287,7 @@ function showErrors(place, doc) {
   const { svg, x, y } = frame(place, 0, high, xs, label, `Error over ${label}: expected ${expected.map((e) => e.toFixed(1)).join(", ")} mm; the table holds the numbers.`);
   const path = (values) => values.map((v, k) => `${x(xs[k].at)},${y(v)}`).join(" ");
   svg.append(make("polygon", { class: "band", points: `${path(most)} ${x(xs.at(-1).at)},${y(0)} ${x(xs[0].at)},${y(0)}` }));
+  if (xs.length === 1) svg.append(make("line", { class: "expected", x1: x(xs[0].at), x2: x(xs[0].at), y1: y(0), y2: y(most[0]), opacity: 0.4 }));
   svg.append(make("line", { class: "asked", x1: x(xs[0].at), x2: x(Math.max(xs.at(-1).at, xs[0].at + 1e-9)), y1: y(asked), y2: y(asked) }));
   const series = [[expected, "expected", "dot"], ...(truth ? [[truth, "true", "truedot"]] : [])];
   for (const [values, line, dot] of series) {
@@ -301,7 +302,7 @@ function showErrors(place, doc) {
 function showResiduals(place, doc) {
   const known = doc.scans.map((scan, k) => [k + 1, scan.residuals.map((r) => 1000 * r)]).filter(([, r]) => r.length);
   if (!known.length) {
-    place.replaceChildren(html("p", {}, "No sample of a scan met anything that the camera saw."));
+    place.replaceChildren(html("p", {}, doc.scans.length ? "No sample of a scan met anything that the camera saw." : "There is no scan yet."));
     return;
   }
   const std = 1000 * doc.range_std, reach = 1.1 * Math.max(2 * std, ...known.flatMap(([, r]) => r.map(Math.abs)));
