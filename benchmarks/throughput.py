@@ -35,7 +35,8 @@ from pretouch.session import ScanPlan
 from pretouch.tof import RangeSamples
 
 _FINGER = ThinBeam()
-_ROUNDS_BEFORE = 3
+_OBJECTS = 3
+_ROUNDS_OF_STUB = 3
 """Sessions on each object before the measurement: the first sends scenes, the second does not, the third repeats it."""
 ROBOTS, STEPS_A_SECOND = 1000, 0.1
 
@@ -124,10 +125,10 @@ def run_session(client: RestClient, case: Case, fingers: Fingers, end: float = f
     return scans
 
 
-def measure(fleet: Fleet, cases: Sequence[Case], robots: int, seconds: float) -> dict[str, float]:
-    """Scans a second, and milliseconds of a processor for each scan by kind of service."""
+def measure(fleet: Fleet, cases: Sequence[Case], robots: int, seconds: float, rounds: int) -> dict[str, float]:
+    """Scans a second, and milliseconds of a processor for each scan by kind of service, after `rounds` of sessions."""
     fingers = Fingers()
-    for _, case, url in itertools.product(range(_ROUNDS_BEFORE), cases, fleet.urls):
+    for _, case, url in itertools.product(range(rounds), cases, fleet.urls):
         with RestClient(url, timeout=300.0) as client:
             run_session(client, case, fingers)
     scans = [0] * robots
@@ -161,14 +162,14 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     arguments = parser.parse_args()
-    cases = [make_case(name, maker(), 0) for name, maker in MAKERS.items()]
-    rows = []
+    cases = [make_case(name, maker(), 0) for name, maker in list(MAKERS.items())[:_OBJECTS]]
+    rounds, rows = _ROUNDS_OF_STUB if arguments.stub else 1, []
     for orchestrators, registrars in itertools.product(arguments.orchestrators, arguments.registrars):
         with (
             tempfile.TemporaryDirectory(prefix="pretouch-throughput-") as folder,
             Fleet(Path(folder), orchestrators, registrars, stub=arguments.stub) as fleet,
         ):
-            figures = measure(fleet, cases, arguments.robots, arguments.seconds)
+            figures = measure(fleet, cases, arguments.robots, arguments.seconds, rounds)
         rows.append({"orchestrators": float(orchestrators), "registrars": float(registrars)} | figures)
         print("  ".join(f"{name} {value:.1f}" for name, value in rows[-1].items()), flush=True)
         print(
