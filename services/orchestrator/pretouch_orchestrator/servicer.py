@@ -100,6 +100,7 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
                 )
 
     async def _create(self, request: pb.CreateSessionRequest) -> Session:
+        self._sessions.check_room()
         wanted, values, mask = await self._context.run_in_thread(request_from_proto, request)
         return await self._sessions.create(
             current_caller().owner, wanted, values, mask, request.idempotency_key or None

@@ -104,6 +104,7 @@ def _add_session_routes(app: FastAPI, sessions: SessionManager, context: Service
 
         Repeating a request with the same `Idempotency-Key` returns the session that the first call created.
         """
+        sessions.check_room()
         async with hold_creation(request, context) as (wanted, values, mask):
             session = await sessions.create(current_caller().owner, wanted, values, mask, idempotency_key or None)
         return JSONResponse(session_to_json(session), 201, {"Location": f"/v1/sessions/{session.id}"})

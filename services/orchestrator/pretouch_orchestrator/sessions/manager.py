@@ -36,6 +36,7 @@ from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.progress import ScanAssessments
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.sessions.record_cache import RecordCache
+from pretouch_orchestrator.sessions.step_queue import StepQueue
 from pretouch_orchestrator.sessions.told import add_told, check_open
 from pretouch_orchestrator.sessions.transitions import get_pending_plan
 from pretouch_orchestrator.sessions.upkeep import Upkeep, cancel_session
@@ -44,6 +45,8 @@ from pretouch_orchestrator.store.protocol import Busy, Event, KeyedRequest, Stal
 
 DEFAULT_PAGE, MAX_PAGE = 50, 200
 MAX_KEY = 255
+_STEPS_A_WORKER = 4
+"""Steps under way for each of the service's threads: about half of a step is the registrar's work."""
 _BYTES_A_PIXEL = 24
 """Memory for each pixel while a depth image is converted to metres."""
 _DEFECT = Internal(
@@ -71,6 +74,7 @@ class SessionManager:
         self._assessments = ScanAssessments(loop, context.log)
         self._leases = Leases(store, context.log)
         self._cache = RecordCache()
+        self._queue = StepQueue(_STEPS_A_WORKER * context.settings.workers)
         self._steps: set[asyncio.Task[Any]] = set()
         self._created = context.metrics.counter("sessions_created", "Sessions that were opened.")
         self._ended = context.metrics.counter("sessions_ended", "Sessions that ended.", ("state",))
@@ -78,6 +82,10 @@ class SessionManager:
             "scans_answered", "Planned scans that a client answered for.", ("kind",)
         )
         self._seconds = context.metrics.histogram("step_seconds", "From a request to its stored answer.", ("step",))
+
+    def check_room(self) -> None:
+        """Raises `Overloaded` while a new session would have to wait for long, so that its images need not be read."""
+        self._queue.check()
 
     async def create(
         self,
@@ -124,6 +132,7 @@ class SessionManager:
         record = await self._load(owner, session_id)
         if scan_id in record.answered:
             return record.to_session()
+        self._queue.check()
         submission = await read()
         with structlog.contextvars.bound_contextvars(session=session_id, scan=scan_id):
             return await self._run_step("scan", self._submit(owner, session_id, scan_id, submission))
@@ -223,25 +232,37 @@ class SessionManager:
                 if (existing := await self._find_created(owner, keyed)) is not None:
                     return existing
             await self._upkeep.make_room()
-            depth = await self._context.run_in_thread(
-                DepthImage.from_values, values, request.depth_scale, memory=_BYTES_A_PIXEL * values.size
-            )
             session_id = secrets.token_hex(8)
             with structlog.contextvars.bound_contextvars(session=session_id):
-                object_mask = None if mask is None else mask != 0
-                record = await self._loop.open(session_id, time.time(), request, depth, object_mask)
-                session = record.to_session()
-                try:
-                    record = await self._store.create(owner, record, derive_events(None, session), keyed)
-                except Stale:
-                    if keyed is None or (existing := await self._find_created(owner, keyed)) is None:
-                        raise
-                    return existing
-                self._cache.keep(record)
-                self._created.inc()
-                self._count_end(session)
-                self._context.log.info("session opened", state=session.state, proposer=session.proposer)
-            return session
+                async with self._queue.turn():
+                    return await self._open(owner, session_id, request, values, mask, keyed)
+
+    async def _open(
+        self,
+        owner: str,
+        session_id: str,
+        request: SessionRequest,
+        values: NDArray[np.generic],
+        mask: NDArray[np.generic] | None,
+        keyed: KeyedRequest | None,
+    ) -> Session:
+        depth = await self._context.go_on_in_thread(
+            DepthImage.from_values, values, request.depth_scale, memory=_BYTES_A_PIXEL * values.size
+        )
+        object_mask = None if mask is None else mask != 0
+        record = await self._loop.open(session_id, time.time(), request, depth, object_mask)
+        session = record.to_session()
+        try:
+            record = await self._store.create(owner, record, derive_events(None, session), keyed)
+        except Stale:
+            if keyed is None or (existing := await self._find_created(owner, keyed)) is None:
+                raise
+            return existing
+        self._cache.keep(record)
+        self._created.inc()
+        self._count_end(session)
+        self._context.log.info("session opened", state=session.state, proposer=session.proposer)
+        return session
 
     async def _find_created(self, owner: str, keyed: KeyedRequest) -> Session | None:
         """The session that was created with the same key before; raises `Conflict` if the request was another one."""
@@ -256,7 +277,7 @@ class SessionManager:
         return await self.get(owner, session_id)
 
     async def _submit(self, owner: str, session_id: str, scan_id: str, submission: Submission) -> Session:
-        async with self._leases.held(session_id) as lease:
+        async with self._leases.held(session_id) as lease, self._queue.turn():
             while True:
                 record = await self._load(owner, session_id)
                 if scan_id not in record.answered:
