@@ -19,8 +19,6 @@ from pretouch_sensor_gateway.recording.reader import RecordingReader
 
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
-WAITING = 200
-"""Measurements that may wait for the disk at any moment, at most: a fifth of a second."""
 GRACE = 1.0
 
 
@@ -61,9 +59,9 @@ async def test_kill_9_leaves_a_readable_recording_and_the_next_start_goes_on_in_
     async with running(service) as clients, clients.listening() as listener:
         await clients.opened()
         measuring = asyncio.create_task(board.measure_on())
-        await listener.until(lambda: listener.got >= 300)
+        await clients.until(lambda status: status.recording.frames > 0)
         recorded = (await clients.status()).recording.frames
-        await listener.until(lambda: listener.got >= 600)
+        await listener.until(lambda: listener.got >= recorded + 300)
         assert await asyncio.to_thread(service.kill) == -signal.SIGKILL
         assert (await listener.ended()).code() is grpc.StatusCode.UNAVAILABLE
         measuring.cancel()
@@ -71,8 +69,7 @@ async def test_kill_9_leaves_a_readable_recording_and_the_next_start_goes_on_in_
     assert not read(first).complete
     found = sequence_in(first)
     assert found == list(range(len(found)))
-    assert recorded > 0
-    assert len(found) >= max(recorded, listener.got - WAITING)
+    assert len(found) >= recorded > 0  # what the status counts is in the file
 
     async with running(service) as clients, clients.listening() as listener:
         await clients.opened()
