@@ -8,6 +8,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 from fastcrc import crc8
 
@@ -63,32 +64,29 @@ def _range_beyond_20_cm(k: int, t: float) -> float | None:
     return None if near is None else near + 300
 
 
+class _Outcome(TypedDict, total=False):
+    """What a `BoardCase` says of how the board is read."""
+
+    modules: int | None
+    auto: bool
+    message: str
+    readable: bool
+
+
 def _case(
     name: str,
     printed: Print,
     named: str,
     rate: float = 30.0,
     boot: str | bytes = "",
-    modules: int | None = None,
-    auto: bool = True,
-    message: str = "",
-    readable: bool = True,
     true: Callable[[int, float], float | None] = _range,
+    **outcome: Unpack[_Outcome],
 ) -> BoardCase:
     times = [0.2 + k / rate for k in range(round(rate * (SECONDS - 0.3)))]
     truth = [(t, true(k, t)) for k, t in enumerate(times)]
     writes = [(0.05, _bytes(boot))] if boot else []
     writes += [(t, _bytes(printed(k, t, metres))) for k, (t, metres) in enumerate(truth)]
-    return BoardCase(
-        name,
-        tuple((t, data) for t, data in writes if data),
-        tuple(truth),
-        named,
-        modules,
-        auto,
-        message,
-        readable,
-    )
+    return BoardCase(name, tuple((t, data) for t, data in writes if data), tuple(truth), named, **outcome)
 
 
 def _bytes(printed: str | bytes) -> bytes:
