@@ -34,7 +34,7 @@ class RememberingProxy(grpc.GenericRpcHandler):  # type: ignore[misc]
             try:
                 response: bytes = await self._channel.unary_unary(method)(request, timeout=context.time_remaining())
             except grpc.aio.AioRpcError as error:
-                await context.abort(error.code(), error.details() or "", error.trailing_metadata())
+                await context.abort(error.code(), error.details() or "", tuple(error.trailing_metadata() or ()))
             if not method.startswith("/grpc.health"):
                 self._answers[key] = response
             return response
