@@ -9,10 +9,10 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorSet
 from google.protobuf.message import DecodeError
 
 from pretouch.errors import InvalidInput, NotFound
+from pretouch.recording.reader import Recorded, RecordingReader
 from pretouch.regular_file import check_regular_file
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch_sensor_gateway.recording.channels import Channel, schema_of
-from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
 
 RANGES = pb.RangeBatch.DESCRIPTOR.full_name
 CONFIGURATION = pb.DeviceConfiguration.DESCRIPTOR.full_name
