@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import zlib
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader
 
-from pretouch.errors import InvalidInput
+from pretouch.errors import InvalidInput, TooLarge
 
 MAX_CHUNK = 128 * 2**20
 """Bytes of a chunk when it is unpacked. Writers end a chunk at about 1 MiB, and the longest message has 40 MiB."""
@@ -48,6 +49,9 @@ class RecordingReader:
     The iteration ends at the first record or chunk that cannot be read; `torn_bytes` counts the rest of the file. No
     more than a chunk is held, and none that claims to be, or is, larger than MAX_CHUNK.
 
+    Args:
+        most: bytes that all chunks together may have when they are unpacked; None: any number.
+
     Attributes:
         complete: whether the file was finished; known at the end of the iteration.
         torn_bytes: bytes at the end that are no whole record; known then, too.
@@ -55,12 +59,14 @@ class RecordingReader:
     Raises:
         OSError: on iteration, the file cannot be read.
         InvalidInput: on iteration, the file is no MCAP file.
+        TooLarge: on iteration, its chunks have more than `most` bytes.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, most: int | None = None) -> None:
         self.complete = False
         self.torn_bytes = 0
         self._path = path
+        self._left = math.inf if most is None else most
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
 
@@ -73,6 +79,8 @@ class RecordingReader:
             while True:
                 try:
                     record = next(records, None)
+                    if isinstance(record, Chunk):
+                        self._spend(record.uncompressed_size)
                     inside = _unpack(record) if isinstance(record, Chunk) else [record] if record else []
                     for each in inside:
                         match each:
@@ -86,7 +94,7 @@ class RecordingReader:
                     if stream.tell() > MAGIC_SIZE:
                         return
                     raise InvalidInput(f"{self._path} is no MCAP file.", "Give a recording of pretouch.") from error
-                except OSError:
+                except (OSError, TooLarge):
                     raise
                 except Exception:  # every decoder and decompressor has its own for bytes that it cannot read
                     return
@@ -95,6 +103,13 @@ class RecordingReader:
                     return
                 if not isinstance(record, Footer):  # whole only with the magic that follows
                     self.torn_bytes = size - stream.tell()
+
+    def _spend(self, size: int) -> None:
+        self._left -= size
+        if self._left < 0:
+            raise TooLarge(
+                f"{self._path} holds too much: it is no recording of one session, or damaged.", "Give another file."
+            )
 
     def _recorded(self, message: Message) -> Recorded:
         channel = self._channels[message.channel_id]

@@ -1,6 +1,7 @@
 """Geometry as Foxglove's messages.
 
-Frames are called `base`, `camera` (as the client believes it), `corrected_camera`, `object` and `tip`.
+Frames are called `base`, `camera` (as the client believes it), `corrected_camera`, `object`, and `beam`: the finger's
+latest beam, z along it.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ BASE = "base"
 _FIELDS = [PackedElementField(name=name, offset=4 * k, type=PackedElementField.FLOAT32) for k, name in enumerate("xyz")]
 _IDENTITY = FoxglovePose(position=Vector3(), orientation=Quaternion(w=1.0))
 _MOST_MILLIMETRES = 65_534
+_UPWARDS = 1e-6
+"""Of a quaternion before it is made a unit: the direction is up, half a turn from down about any axis."""
 
 
 def stamp(time: int) -> Timestamp:
@@ -61,23 +64,37 @@ def cloud(points: Array, time: int) -> PointCloud:
     return PointCloud(timestamp=stamp(time), frame_id=BASE, pose=_IDENTITY, point_stride=12, fields=_FIELDS, data=data)
 
 
-def transforms(base_T_frames: Mapping[str, Pose], time: int) -> FrameTransforms:
+def transforms(base_T_frames: Mapping[str, FoxglovePose], time: int) -> FrameTransforms:
     """Frames in base, by name."""
     message = FrameTransforms()
     for name, pose in base_T_frames.items():
-        placed = pose_message(pose)
         message.transforms.add(
             timestamp=stamp(time),
             parent_frame_id=BASE,
             child_frame_id=name,
-            translation=placed.position,
-            rotation=placed.orientation,
+            translation=pose.position,
+            rotation=pose.orientation,
         )
     return message
 
 
-def path(base_T_tips: Sequence[Pose], time: int) -> PosesInFrame:
-    return PosesInFrame(timestamp=stamp(time), frame_id=BASE, poses=[pose_message(pose) for pose in base_T_tips])
+def path(poses: Sequence[FoxglovePose], time: int) -> PosesInFrame:
+    """Poses in base."""
+    return PosesInFrame(timestamp=stamp(time), frame_id=BASE, poses=poses)
+
+
+def beam_poses(origins: Array, directions: Array) -> list[FoxglovePose]:
+    """Frames at the starts (n, 3), m, of beams with z along their directions (n, 3): half a turn about x, which points
+    z down, then the smallest turn to the direction. The turn about a beam is not known.
+    """
+    dx, dy, dz = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).T
+    quaternions = np.stack([1 - dz, np.zeros_like(dz), dx, -dy], axis=-1)
+    lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    quaternions = np.where(lengths < _UPWARDS, (0.0, 0.0, 0.0, 1.0), quaternions / np.maximum(lengths, _UPWARDS))
+    return [
+        FoxglovePose(position=Vector3(x=p[0], y=p[1], z=p[2]), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
+        for p, q in zip(origins.tolist(), quaternions.tolist(), strict=True)
+    ]
 
 
 def depth_image(scene: Scene, time: int) -> RawImage:

@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 
 from pretouch import __version__
 from pretouch.estimate import Estimate
-from pretouch.geometry import Array, Pose
+from pretouch.geometry import Pose
 from pretouch.session import ScanSummary, State
 from pretouch.tof import Scan
 from pretouch.v1 import session_recording_pb2
 from pretouch.wire import common
-from pretouch.wire.json import estimate_from_json
-from pretouch.wire.reader import Members
+from pretouch.wire.json import estimate_from_document
 from pretouch.wire.registration import settings_to_proto
 from pretouch.wire.session import request_to_proto, session_to_proto
 from pretouch_orchestrator.recording import drawings, foxglove
@@ -33,13 +32,13 @@ from pretouch_orchestrator.sessions.history import list_estimates
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.protocol import NewEvent
 
-_MOST_POINTS = 20_000
+_MOST_POINTS = 10_000
 """Of a cloud."""
-_MOST_CORRECTED = 1_000_000
+_MOST_CORRECTED = 200_000
 """Points of all corrected clouds together."""
 _MOST_PARTS, _PARTS_A_SECOND = 2000, 5.0
 """Parts into which all scans together are cut, so that playing them back shows the finger move."""
-_MOST_PLACES = 100_000
+_MOST_PLACES = 5000
 """Places of the finger on all scans' paths together."""
 _NO_DEPTH = np.zeros((0, 0), np.float32)
 
@@ -60,7 +59,7 @@ def list_entries(record: Record, events: Iterable[NewEvent]) -> Iterator[Entry]:
         events: those of types `scan` and `estimate`, the oldest first; others are passed over.
     """
     documents = list_estimates(record, events)
-    estimates = [_read_estimate(document) for document in documents]
+    estimates = [estimate_from_document(document) for document in documents]
     time = round(1e9 * max(record.created, 0.0))
     yield Entry("/pretouch/session", time, describe_session(record))
     yield from _show_scene(record, time)
@@ -104,14 +103,9 @@ def describe_session(record: Record) -> session_recording_pb2.RecordedSession:
     )
 
 
-def _read_estimate(document: dict[str, Any]) -> Estimate:
-    own = {name: value for name, value in document.items() if name != "base_T_object"}
-    return estimate_from_json(Members(own, "estimate", None))
-
-
 def _show_scene(record: Record, time: int) -> Iterator[Entry]:
     scene = record.scene
-    yield Entry("/tf", time, foxglove.transforms({"camera": scene.base_T_camera}, time))
+    yield Entry("/tf", time, foxglove.transforms({"camera": foxglove.pose_message(scene.base_T_camera)}, time))
     yield Entry("/camera/calibration", time, foxglove.calibration(scene, time))
     yield Entry("/camera/depth", time, foxglove.depth_image(scene, time))
     yield Entry("/camera/regions", time, drawings.draw_regions(record, time))
@@ -129,7 +123,8 @@ def _show_estimate(record: Record, estimate: Estimate, time: int) -> Iterator[En
     yield Entry("/object/after", time, foxglove.cloud(after, time))
     base_T_object = correction @ (record.request.base_T_object or Pose.of(np.eye(3), estimate.centroid))
     placed = {"corrected_camera": correction @ record.scene.base_T_camera, "object": base_T_object}
-    yield Entry("/tf", time, foxglove.transforms(placed, time))
+    frames = {name: foxglove.pose_message(pose) for name, pose in placed.items()}
+    yield Entry("/tf", time, foxglove.transforms(frames, time))
     yield Entry("/object/pose", time, foxglove.odometry(base_T_object, estimate, time))
     yield Entry("/scene", time, drawings.draw_uncertainty(estimate, time))
 
@@ -141,7 +136,7 @@ def _show_beams(record: Record, summary: ScanSummary, scan: Scan, start: int) ->
     has_beams = bool((scan.ranges[hit] > 0).any()) or not hit.any()
     if has_beams:
         places = _thin(np.arange(len(scan)), max(2, _MOST_PLACES // scans))
-        poses = [_pose_of_beam(scan.origins[k], scan.directions[k]) for k in places]
+        poses = foxglove.beam_poses(scan.origins[places], scan.directions[places])
         yield Entry("/scan/path", start, foxglove.path(poses, start))
     ends = scan.origins + np.where(hit, scan.ranges, record.request.sensor.range_max)[:, None] * scan.directions
     parts = int(np.clip(np.ceil(summary.duration * _PARTS_A_SECOND), 1, max(1, _MOST_PARTS // scans)))
@@ -149,7 +144,7 @@ def _show_beams(record: Record, summary: ScanSummary, scan: Scan, start: int) ->
         last = int(part[-1])
         time = start + round(1e9 * summary.duration * (last + 1) / len(scan))
         if has_beams:
-            beam = _pose_of_beam(scan.origins[last], scan.directions[last])
+            (beam,) = foxglove.beam_poses(scan.origins[[last]], scan.directions[[last]])
             yield Entry("/tf", time, foxglove.transforms({"beam": beam}, time))
         for topic, chosen in (("/scan/hits", part[hit[part]]), ("/scan/misses", part[~hit[part]])):
             if len(chosen):
@@ -160,7 +155,7 @@ def _show_end(record: Record, time: int) -> Iterator[Entry]:
     for warning in record.warnings:
         yield _log(f"{warning.code}: {warning.detail} {warning.remedy}", time, Log.WARNING)
     if record.next_scan is not None:
-        tips = [Pose(matrix) for matrix in record.next_scan.path.base_T_tip]
+        tips = [foxglove.pose_message(Pose(matrix)) for matrix in record.next_scan.path.base_T_tip]
         yield Entry("/plan/path", time, foxglove.path(tips, time))
     if record.state.ended:
         reason = record.reason or {}
@@ -170,14 +165,6 @@ def _show_end(record: Record, time: int) -> Iterator[Entry]:
 
 def _log(text: str, time: int, level: Log.Level.ValueType = Log.INFO) -> Entry:
     return Entry("/events", time, Log(timestamp=foxglove.stamp(time), level=level, message=text, name="pretouch"))
-
-
-def _pose_of_beam(origin: Array, direction: Array) -> Pose:
-    """z along the beam; the turn about it is not known."""
-    z = direction / np.linalg.norm(direction)
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    return Pose.of(np.column_stack([x, np.cross(z, x), z]), origin)
 
 
 def _thin(values: NDArray[Any], most: int) -> NDArray[Any]:
