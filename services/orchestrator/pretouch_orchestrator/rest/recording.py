@@ -13,9 +13,9 @@ from pretouch_orchestrator.rest.parameters import SessionId
 from pretouch_orchestrator.sessions.manager import SessionManager
 
 MEDIA_TYPE = "application/octet-stream"
-_BYTES_A_PIXEL = 200
-_BYTES_A_SAMPLE = 500
-_BYTES = 48 * 1024 * 1024
+_BYTES_A_PIXEL = 100
+_BYTES_A_SAMPLE = 200
+_BYTES = 16 * 1024 * 1024
 """For any recording."""
 
 
