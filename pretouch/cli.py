@@ -205,6 +205,15 @@ def _up(
     device: Annotated[
         list[str] | None, typer.Option(help="A finger's serial port as NAME=PORT; may be repeated.")
     ] = None,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Show the newest session on a WebSocket that Foxglove connects to.")
+    ] = False,
+    foxglove_port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Its port on 127.0.0.1; 0 for a free one.")
+    ] = 8765,
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="Show the newest session in Rerun, on 127.0.0.1:9090 for browsers.")
+    ] = False,
     token: Token = None,
     tokens_file: TokensFile = None,
     open_metrics: OpenMetrics = False,
@@ -215,6 +224,7 @@ def _up(
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
     """Run all four services of one machine until Ctrl-C or SIGTERM."""
+    from pretouch.serving.live_view import LiveView
     from pretouch.serving.settings import Settings
     from pretouch.serving.up import Stack, up
 
@@ -230,7 +240,8 @@ def _up(
         tls_client_ca=tls_client_ca,
         log_level=log_level,
     )
-    stack = Stack(settings, rest_port, gateway_port, state or home, tuple(device or ()))
+    shown = LiveView(foxglove_port if foxglove else None, rerun)
+    stack = Stack(settings, rest_port, gateway_port, state or home, tuple(device or ()), view=shown)
     if sys.stderr.isatty():
         print("Starting the services; the first start on a machine compiles for a minute or two.", file=sys.stderr)
     asyncio.run(up(stack, lambda line: print(line, flush=True), until_stdin_closes=until_stdin_closes))

@@ -84,8 +84,6 @@ def list_entries(record: Record, events: Iterable[NewEvent]) -> Iterator[Entry]:
 def describe_session(record: Record) -> session_recording_pb2.RecordedSession:
     """All that registering the session's scans again needs, the scans left out."""
     u0, v0 = record.origin
-    request = request_to_proto(record.request, _NO_DEPTH)
-    request.ClearField("depth")
     return session_recording_pb2.RecordedSession(
         versions={
             "pretouch": __version__,
@@ -94,7 +92,7 @@ def describe_session(record: Record) -> session_recording_pb2.RecordedSession:
             "machine": platform.machine(),
         },
         created=record.created,
-        request=request,
+        request=request_to_proto(record.request, _NO_DEPTH),
         scene=common.scene_to_proto(record.scene),
         u0=u0,
         v0=v0,
