@@ -29,7 +29,11 @@ def make_blueprint() -> Blueprint:
     overrides: dict[str, Any] = {topic: [rerun.Points3D.from_fields(colors=[rgb])] for topic, rgb in CLOUDS.items()}
     for topic in _KEPT:
         overrides[topic].append(views.VisibleTimeRanges(so_far))
-    scene = views.Spatial3DView(name="Before and after", origin="/", contents="$origin/**", overrides=overrides)
+    scene = views.Spatial3DView(
+        name="Before and after",
+        overrides=overrides,
+        spatial_information=views.SpatialInformation(target_frame="base"),
+    )
     depth = views.Spatial2DView(name="Depth image", origin="/camera/depth")
     events = views.TextLogView(name="Events", origin="/events")
     return views.Blueprint(

@@ -52,6 +52,8 @@ class FoxgloveServer:
 
     def show(self, update: Update | None) -> None:
         """Sends what is new, and all of it where a viewer has subscribed since."""
+        if update is not None and self._last is not None and update.session_id != self._last.session_id:
+            self._server.clear_session()  # viewers forget the session before
         self._last = update or self._last
         asked, self._listener.asked = self._listener.asked, False
         if asked and self._last is not None:

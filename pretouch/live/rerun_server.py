@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import sys
 from asyncio.subprocess import DEVNULL, Process
 from contextlib import suppress
 from importlib.util import find_spec
-from typing import Self
+from typing import Any, Self
 
 from pretouch.backoff import Backoff
 from pretouch.errors import Unavailable
@@ -36,12 +38,13 @@ class RerunServer:
         self._data = f"rerun+http://{_HOST}:{port}/proxy"
         self.url = f"http://{_HOST}:{web_port}/?url=rerun%2Bhttp%3A%2F%2F{_HOST}%3A{port}%2Fproxy"
         self._process: Process | None = None
-        self._session, self._stream = "", None
+        self._session = ""
+        self._stream: Any = None
 
     async def __aenter__(self) -> Self:
         options = ("--serve-web", "--bind", _HOST, "--port", str(self._port), "--web-viewer-port", str(self._web_port))
         self._process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-P", "-m", "rerun", *options, "--server-memory-limit", _MEMORY),
+            *(sys.executable, "-P", "-m", "rerun_cli", *options, "--server-memory-limit", _MEMORY),
             stdin=DEVNULL,
             stdout=DEVNULL,
             start_new_session=True,
@@ -59,7 +62,7 @@ class RerunServer:
     async def __aexit__(self, *_: object) -> None:
         if self._process is not None and self._process.returncode is None:
             with suppress(ProcessLookupError):
-                self._process.terminate()
+                os.killpg(self._process.pid, signal.SIGTERM)  # it has a child of its own
             await self._process.wait()
 
     def show(self, update: Update | None) -> None:
@@ -72,7 +75,6 @@ class RerunServer:
             self._session = update.session_id
             self._stream = rerun.RecordingStream("pretouch", recording_id=update.session_id)
             self._stream.connect_grpc(self._data, default_blueprint=make_blueprint())
-        assert self._stream is not None
         self._stream.log_file_from_contents(f"session-{update.session_id}.mcap", write_messages(update.new))
         self._stream.flush()
 
