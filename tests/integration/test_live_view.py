@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import socket
 import struct
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +107,43 @@ async def _next_message(viewer: Any, server: Any) -> bytes:
                 number, _time = struct.unpack_from("<IQ", message, 1)
                 assert number == 1
                 return message[13:]
+
+
+async def test_rerun_serves_on_the_loopback_interface_alone_and_leaves_nothing_behind(
+    rest: Any, orchestrator: Any, tmp_path: Path
+) -> None:
+    pytest.importorskip("rerun", reason="pip install 'pretouch[live]'")
+    from pretouch.live.rerun_server import RerunServer
+
+    opened(rest)
+    ports = free_ports(2)
+    async with AsyncRestClient(orchestrator.rest_url) as client:
+        feed = Feed(client, tmp_path)
+        async with RerunServer(*ports) as server:
+            await asyncio.to_thread(server.show, await feed.poll())
+            assert {host for host, port in listening() if port in ports} == {"127.0.0.1"}
+    await asyncio.to_thread(eventually, lambda: not any(port in ports for _, port in listening()))
+
+
+def free_ports(count: int) -> list[int]:
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for each in sockets:
+            each.bind(("127.0.0.1", 0))
+        return [int(each.getsockname()[1]) for each in sockets]
+
+
+def listening() -> set[tuple[str, int]]:
+    """Addresses and ports on which somebody listens, from the kernel."""
+    found = set()
+    for name in ("tcp", "tcp6"):
+        for line in Path("/proc/net", name).read_text().splitlines()[1:]:
+            fields = line.split()
+            address, _, port = fields[1].partition(":")
+            if fields[3] == "0A":
+                host = socket.inet_ntoa(bytes.fromhex(address)[::-1]) if name == "tcp" else address
+                found.add((host, int(port, 16)))
+    return found
 
 
 def test_what_the_live_view_cannot_do_is_said_before_anything_starts(monkeypatch: pytest.MonkeyPatch) -> None:
