@@ -6,13 +6,11 @@ are called, so that `pretouch --help` is quick and needs no extra.
 
 from __future__ import annotations
 
-import ast
 import asyncio
-import importlib.util
 import os
 import sys
 from contextlib import suppress
-from importlib.metadata import EntryPoint, entry_points, version
+from importlib.metadata import entry_points, version
 from io import TextIOWrapper
 from pathlib import Path
 from shutil import get_terminal_size
@@ -23,6 +21,7 @@ from rich.console import Console
 from rich.markup import escape
 from typer.core import TyperGroup
 
+from pretouch.commands import COMMANDS, add_commands, explain_called, explain_missing, read_called_words
 from pretouch.config_file import read_config
 from pretouch.errors import Conflict, InvalidInput, NotFound, PretouchError, Unauthenticated, Unavailable
 from pretouch.interrupts import INTERRUPTED, Terminated, raising_interrupts
@@ -172,7 +171,7 @@ def _serve(
     try:
         asyncio.run(serve(name, service.load(), settings, until_stdin_closes=until_stdin_closes))
     except ModuleNotFoundError as error:
-        raise _explain_missing(error, f"The {name}", name) from error
+        raise explain_missing(error, f"The {name}", name) from error
 
 
 def _as_environment(context: typer.Context) -> dict[str, str]:
@@ -206,6 +205,15 @@ def _up(
     device: Annotated[
         list[str] | None, typer.Option(help="A finger's serial port as NAME=PORT; may be repeated.")
     ] = None,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Show the newest session on a WebSocket that Foxglove connects to.")
+    ] = False,
+    foxglove_port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Its port on 127.0.0.1; 0 for a free one.")
+    ] = 8765,
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="Show the newest session in Rerun, on 127.0.0.1:9090 for browsers.")
+    ] = False,
     token: Token = None,
     tokens_file: TokensFile = None,
     open_metrics: OpenMetrics = False,
@@ -216,6 +224,7 @@ def _up(
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
     """Run all four services of one machine until Ctrl-C or SIGTERM."""
+    from pretouch.serving.live_view import LiveView
     from pretouch.serving.settings import Settings
     from pretouch.serving.up import Stack, up
 
@@ -231,7 +240,8 @@ def _up(
         tls_client_ca=tls_client_ca,
         log_level=log_level,
     )
-    stack = Stack(settings, rest_port, gateway_port, state or home, tuple(device or ()))
+    shown = LiveView(foxglove_port if foxglove else None, rerun)
+    stack = Stack(settings, rest_port, gateway_port, state or home, tuple(device or ()), view=shown)
     if sys.stderr.isatty():
         print("Starting the services; the first start on a machine compiles for a minute or two.", file=sys.stderr)
     asyncio.run(up(stack, lambda line: print(line, flush=True), until_stdin_closes=until_stdin_closes))
@@ -275,25 +285,6 @@ def _new_token(
     token, entry = make_token(owner, "read" if read_only else "full")
     print(f"Keep this token, nothing else holds it: {token}", file=sys.stderr)
     print(entry, end="")
-
-
-def _explain_missing(error: ModuleNotFoundError, name: str, extra: str | None) -> Unavailable | ModuleNotFoundError:
-    """What to tell the user: the extra to install; `error` itself where none would help."""
-    if extra is None or (error.name or "pretouch").startswith("pretouch"):
-        return error
-    return Unavailable(
-        f"{name} needs the package {error.name}, which is not installed.", f"Run: pip install 'pretouch[{extra}]'"
-    )
-
-
-def _summary(entry: EntryPoint) -> str:
-    """The first line of the command's docstring, read without importing its module."""
-    spec = importlib.util.find_spec(entry.module)
-    if spec is None or spec.origin is None:
-        return ""
-    module = ast.parse(Path(spec.origin).read_bytes())
-    functions = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name == entry.attr]
-    return (ast.get_docstring(functions[0] if functions else module) or "").partition("\n")[0]
 
 
 class _Commands(TyperGroup):
@@ -346,23 +337,8 @@ def _app(called: str | None) -> typer.Typer:
     token.callback()(lambda: None)
     token.command("new")(_new_token)
     app.add_typer(token, name="token")
-    for entry in sorted(entry_points(group="pretouch.commands"), key=lambda entry: entry.name):
-        if entry.name != called:
-            app.command(entry.name, help=_summary(entry))(lambda: None)
-            continue
-        command = entry.load()
-        if isinstance(command, typer.Typer):
-            app.add_typer(command, name=entry.name)
-        else:
-            app.command(entry.name)(command)
+    add_commands(app, COMMANDS, called)
     return app
-
-
-def _find_called_command() -> str | None:
-    """The name of the command on the command line, or on the one that a shell wants completed."""
-    line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS")
-    words = sys.argv if line is None or "_PRETOUCH_COMPLETE" not in os.environ else line.split()
-    return words[1] if len(words) > 1 else None
 
 
 def main() -> None:
@@ -371,9 +347,8 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):  # closed streams are None
             with suppress(OSError):  # a stream for reading and writing on a terminal cannot be reconfigured
                 stream.reconfigure(errors="replace")  # a terminal of ASCII still gets the numbers
-    called = _find_called_command()
     try:
-        _app(called)(prog_name="pretouch")
+        _app(read_called_words()[0])(prog_name="pretouch")
     except PretouchError as error:
         _refuse(error)
     except OSError as error:  # a disk that is full, standard output that is closed
@@ -384,10 +359,8 @@ def main() -> None:
         what = f"{error.filename} cannot be used" if error.filename else "The output cannot be written"
         _refuse(Unavailable(f"{what}: {error.strerror or error}."))
     except ModuleNotFoundError as error:  # at import or only once the command runs
-        for entry in entry_points(group="pretouch.commands", name=called or ""):
-            explained = _explain_missing(error, f"pretouch {entry.name}", next(iter(entry.extras), None))
-            if isinstance(explained, PretouchError):
-                _refuse(explained)
+        for explained in explain_called(error):
+            _refuse(explained)
         raise
 
 

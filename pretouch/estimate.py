@@ -104,7 +104,8 @@ class Estimate:
     """A correction with its uncertainty. The covariance covers all modes.
 
     A member is declared here and as a field of `pretouch.v1.Estimate`, with the same words; JSON, messages and the
-    OpenAPI description follow from it. REST leaves `sensor_problem` out: there it becomes a session's reason.
+    OpenAPI description follow from it. REST leaves `sensor_problem` out, which becomes a session's reason there, and
+    `engine`, which only recordings need.
 
     Attributes:
         base_T_correction: maps a point from where the camera put it to where it truly is, both in base.
@@ -123,6 +124,7 @@ class Estimate:
         rmse: root mean square residual of the inliers, in metres; 0 without inliers.
         sensor_problem: why the samples are not measurements (stuck, dead, too noisy, a wrong unit), in one sentence;
             empty if they are.
+        engine: name of the registrar's engine that made the estimate; empty before the first scan.
 
     Raises:
         InvalidInput: a fit out of its limits, or modes that do not sum to 1 or do not begin with this estimate.
@@ -141,6 +143,7 @@ class Estimate:
     samples: int = 0
     rmse: float = 0.0
     sensor_problem: str = field(default="", metadata={"json": False})
+    engine: str = field(default="", metadata={"json": False})
 
     def __post_init__(self) -> None:
         fit = float(frozen_array(self.fit, (), "estimate.fit"))

@@ -12,6 +12,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 from pretouch.cli import _app
+from pretouch.commands import SESSION_COMMANDS
 
 _INTRODUCTION = """# Commands and options
 
@@ -32,6 +33,10 @@ def render() -> str:
     commands = dict(root.commands)
     for entry in entry_points(group="pretouch.commands"):
         commands[entry.name] = _group(_app(entry.name)).commands[entry.name]
+    for entry in entry_points(group=SESSION_COMMANDS):
+        alone = typer.Typer()
+        alone.command(entry.name)(entry.load())
+        commands["session"].commands[entry.name] = _group(alone)
     sections = [section for name in sorted(commands) for section in _sections(f"pretouch {name}", commands[name])]
     return "\n\n".join([_INTRODUCTION, root.epilog or "", *sections]) + "\n"
 

@@ -8,10 +8,10 @@
         if session.reason is not None:
             print(session.reason["detail"], session.reason["remedy"])
 
-All four clients of the orchestrator, over REST and gRPC, have the same methods, those over REST also `report`;
-`GatewayClient` and its asynchronous twin are of the sensor gateway. All raise the errors of `pretouch.errors`. Metres,
-radians, seconds; `a_T_b` maps a point in b to a; the planned poses `base_T_tip` are those of the fingertip sensor, z
-along the beam.
+All four clients of the orchestrator, over REST and gRPC, have the same methods, those over REST also `report` and
+`recording`; `GatewayClient` and its asynchronous twin are of the sensor gateway. All raise the errors of
+`pretouch.errors`. Metres, radians, seconds; `a_T_b` maps a point in b to a; the planned poses `base_T_tip` are those of
+the fingertip sensor, z along the beam.
 """
 
 from pretouch.client.api import SessionPage

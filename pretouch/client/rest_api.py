@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from email.utils import parsedate_to_datetime
 from typing import Any
 
+from pretouch.channel import MESSAGE_LIMIT
 from pretouch.client.api import Call, ResultT, SessionApi, SessionPage
 from pretouch.client.arguments import check_id, check_key
 from pretouch.client.images import ImageLike, encode_depth, encode_mask
@@ -26,14 +27,23 @@ from pretouch.wire.json import (
     telling_to_json,
 )
 
+_LARGEST_RECORDING = 128 * 1024 * 1024
+"""Bytes: several times as many as the longest session's."""
+
 
 @dataclass(frozen=True)
 class HttpMessage:
-    """A request; `options` are further arguments of `httpx.Client.request`."""
+    """A request.
+
+    Attributes:
+        options: further arguments of `httpx.Client.request`.
+        limit: bytes that the answer may have.
+    """
 
     method: str
     path: str
     options: dict[str, Any] = field(default_factory=dict)
+    limit: int = MESSAGE_LIMIT
 
 
 @dataclass(frozen=True)
@@ -103,6 +113,12 @@ def report_call(session_id: str) -> Call[HttpMessage, HttpAnswer, bytes]:
     return Call(message, _read_page)
 
 
+def recording_call(session_id: str) -> Call[HttpMessage, HttpAnswer, bytes]:
+    """The session's recording, which only REST offers."""
+    message = HttpMessage("GET", session_path(session_id) + "/recording.mcap", limit=_LARGEST_RECORDING)
+    return Call(message, _read_recording)
+
+
 def _scan_path(session_id: str, scan_id: str) -> str:
     return f"{session_path(session_id)}/scans/{check_id('scan', scan_id)}"
 
@@ -140,6 +156,15 @@ def _read_page(answer: HttpAnswer) -> bytes:
     if not answer.headers.get("content-type", "").startswith("text/html"):
         raise Internal(
             f"The answer of {answer.url} is not HTML.", "Check that the address is that of a pretouch orchestrator."
+        )
+    return answer.body
+
+
+def _read_recording(answer: HttpAnswer) -> bytes:
+    raise_for_problem(answer)
+    if not answer.body.startswith(b"\x89MCAP"):
+        raise Internal(
+            f"The answer of {answer.url} is no MCAP file.", "Check that the address is that of a pretouch orchestrator."
         )
     return answer.body
 

@@ -8,8 +8,8 @@ import os
 import secrets
 import socket
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -18,6 +18,7 @@ from typing import Any
 from pretouch.errors import DeadlineExceeded, InvalidInput
 from pretouch.results import check_folder
 from pretouch.serving.child import READY_WITHIN, Child, serve_command
+from pretouch.serving.live_view import NOTHING_SHOWN, LiveView
 from pretouch.serving.logs import configure_logs
 from pretouch.serving.memory import find_total_memory
 from pretouch.serving.probing import PATIENT, Probing
@@ -53,9 +54,11 @@ class Stack:
         state: directory of the orchestrator's sessions.
         devices: `name=port` of each serial device, for the gateway.
         probing: how it is found out that a service hangs.
+        view: what shows the sessions to viewers.
 
     Raises:
-        InvalidInput: an invalid port or device.
+        InvalidInput: an invalid port or device, or a view that cannot be had with the settings.
+        Unavailable: what the view needs is not installed.
     """
 
     settings: Settings
@@ -64,8 +67,11 @@ class Stack:
     state: Path
     devices: Sequence[str] = ()
     probing: Probing = PATIENT
+    view: LiveView = NOTHING_SHOWN
 
     def __post_init__(self) -> None:
+        if self.view:
+            self.view.check(self.settings)
         ports = {"REST": self.rest_port, "gRPC": self.settings.port, "the gateway": self.gateway_port}
         for port in ports.values():
             replace(self.settings, port=port)
@@ -107,7 +113,8 @@ async def up(stack: Stack, announce: Callable[[str], None], *, until_stdin_close
                 async with asyncio.timeout(READY_WITHIN):
                     line = await _start(stack, rest_port, children)
                 announce(line)
-                await asyncio.Event().wait()
+                async with _shown(stack, rest_port):
+                    await asyncio.Event().wait()
     except TimeoutError as error:
         raise DeadlineExceeded(
             f"The services were not ready after {READY_WITHIN:g} s.", "Try again with --log-level info and see why."
@@ -153,6 +160,18 @@ async def _start(stack: Stack, rest_port: int, children: list[Child]) -> str:
     reachable = replace(outer, host=_reachable_address(outer.host))
     rest = f"{'http' if outer.tls_cert is None else 'https'}://{reachable.address(rest_port)}"
     return f"pretouch is ready: REST {rest}, gRPC {reachable.address(grpc_port)}, gateway {addresses['gateway']}"
+
+
+@asynccontextmanager
+async def _shown(stack: Stack, rest_port: int) -> AsyncIterator[None]:
+    """Shows the sessions while the block lasts, if that is wanted."""
+    if not stack.view:
+        yield
+        return
+    url = f"http://{replace(stack.settings, host=_reachable_address(stack.settings.host)).address(rest_port)}"
+    environment = {key: value for key, value in os.environ.items() if key not in _NOT_FOR_CHILDREN}
+    async with stack.view.running(url, environment | _pass_tokens_on(stack.settings)):
+        yield
 
 
 def _pass_tokens_on(settings: Settings) -> dict[str, str]:

@@ -571,6 +571,7 @@ class Estimate(_message.Message):
     MODES_FIELD_NUMBER: _builtins.int
     FIT_FIELD_NUMBER: _builtins.int
     SENSOR_PROBLEM_FIELD_NUMBER: _builtins.int
+    ENGINE_FIELD_NUMBER: _builtins.int
     expected_error: _builtins.float
     """Expectation over the covariance of the mean distance between estimated and true object points, in metres."""
     error_quantile: _builtins.float
@@ -587,6 +588,8 @@ class Estimate(_message.Message):
     """
     sensor_problem: _builtins.str
     """Why the samples are not measurements (stuck, dead, too noisy, a wrong unit), in one sentence; empty if they are."""
+    engine: _builtins.str
+    """Name of the registrar's engine that made the estimate; empty before the first scan."""
     @_builtins.property
     def base_t_correction(self) -> Global___Pose:
         """Maps a point from where the camera put it to where it truly is, both in base."""
@@ -624,10 +627,11 @@ class Estimate(_message.Message):
         modes: _abc.Iterable[Global___Mode] | None = ...,
         fit: _builtins.float | None = ...,
         sensor_problem: _builtins.str = ...,
+        engine: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_fit", b"_fit", "base_t_correction", b"base_t_correction", "fit", b"fit"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_fit", b"_fit", "base_t_correction", b"base_t_correction", "centroid", b"centroid", "covariance", b"covariance", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "fit", b"fit", "inliers", b"inliers", "modes", b"modes", "rmse", b"rmse", "samples", b"samples", "sensor_problem", b"sensor_problem", "unobservable", b"unobservable"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_fit", b"_fit", "base_t_correction", b"base_t_correction", "centroid", b"centroid", "covariance", b"covariance", "engine", b"engine", "error_quantile", b"error_quantile", "expected_error", b"expected_error", "fit", b"fit", "inliers", b"inliers", "modes", b"modes", "rmse", b"rmse", "samples", b"samples", "sensor_problem", b"sensor_problem", "unobservable", b"unobservable"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__fit: _TypeAlias = _typing.Literal["fit"]  # noqa: Y015
     _WhichOneofArgType__fit: _TypeAlias = _typing.Literal["_fit", b"_fit"]  # noqa: Y015

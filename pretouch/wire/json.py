@@ -157,6 +157,16 @@ def estimate_from_json(members: Members) -> Estimate:
     return object_from_json(members, Estimate)
 
 
+def estimate_from_document(document: dict[str, Any]) -> Estimate:
+    """Reads what `estimate_to_json` writes; the object's pose, which follows from it, is passed over.
+
+    Raises:
+        InvalidInput: not an estimate; nothing that a client sent.
+    """
+    own = {name: value for name, value in document.items() if name != "base_T_object"}
+    return estimate_from_json(Members(own, "estimate", None))
+
+
 def scan_plan_to_json(plan: ScanPlan) -> dict[str, Any]:
     return {
         "scan_id": plan.scan_id,

@@ -53,14 +53,15 @@ def shop(fakes: FakeUpstream, tmp_path_factory: pytest.TempPathFactory) -> Any:
         yield made
 
 
-async def test_a_report_is_for_its_owners_tokens_that_only_read_too(shop: Shop) -> None:
+@pytest.mark.parametrize("what", ["report", "recording.mcap"])
+async def test_what_is_downloaded_is_for_its_owners_tokens_that_only_read_too(what: str, shop: Shop) -> None:
     async with shop.client("rest", shop.full) as owner:
         session = await owner.create_session(request(), DEPTH, MASK)
     answers = {}
     async with httpx.AsyncClient(base_url=shop.orchestrator.rest_url, timeout=WITHIN) as rest:
         for token in (shop.full, shop.read, TOKEN):
             headers = {"Authorization": f"Bearer {token}"}
-            answers[token] = (await rest.get(f"/v1/sessions/{session.id}/report", headers=headers)).status_code
+            answers[token] = (await rest.get(f"/v1/sessions/{session.id}/{what}", headers=headers)).status_code
     assert answers == {shop.full: 200, shop.read: 200, TOKEN: 404}
 
 

@@ -9,10 +9,10 @@ import structlog
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.queue_items import BatchItem
-from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
 from pretouch_sensor_gateway.recording.rotating_files import RotatingFiles
 
 from pretouch.geometry import Pose
+from pretouch.recording.reader import Recorded, RecordingReader
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.wire.common import array_to_proto, pose_to_proto
 

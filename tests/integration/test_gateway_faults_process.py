@@ -15,8 +15,8 @@ from helpers.faulty_gateway import TIMEOUT, Gateway, client, small_window
 from helpers.gateway_recordings import files_in, sequence_in
 from helpers.processes import Service, free_port
 from pretouch_sensor_gateway.configuration import VARIABLE
-from pretouch_sensor_gateway.recording.reader import RecordingReader
 
+from pretouch.recording.reader import RecordingReader
 from pretouch.v1 import sensor_gateway_pb2 as pb
 
 GRACE = 1.0

@@ -11,7 +11,8 @@ from random import Random
 
 import pytest
 from helpers.gateway_recordings import files_in, sequence_in
-from pretouch_sensor_gateway.recording.reader import RecordingReader
+
+from pretouch.recording.reader import RecordingReader
 
 TESTS = Path(__file__).parents[1]
 TIMEOUT = 60.0

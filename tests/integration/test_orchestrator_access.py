@@ -28,7 +28,8 @@ def test_a_token_is_asked_for_everywhere_but_at_the_health_pages(tmp_path: Path,
     ):
         for path in ("/healthz", "/readyz"):
             assert rest.get(path).status_code == 200
-        for path in ("/v1/sessions", "/metrics", "/docs", "/openapi.json", "/v1/sessions/x/report", "/nowhere"):
+        downloads = ("/v1/sessions/x/report", "/v1/sessions/x/recording.mcap")
+        for path in ("/v1/sessions", "/metrics", "/docs", "/openapi.json", *downloads, "/nowhere"):
             refused = rest.get(path)
             assert_problem(refused, 401, "Bearer")
             assert refused.headers["www-authenticate"] == "Bearer"

@@ -15,6 +15,7 @@ from helpers import box_view
 from helpers.fake_upstream import FakeUpstream
 from helpers.processes import Orchestrator
 from helpers.rest_sessions import assert_problem, opened, scan_path, scanned
+from helpers.session_recordings import read_messages
 
 from pretouch.geometry import Pose
 from pretouch.tof import RangeSamples
@@ -370,3 +371,30 @@ def test_a_report_of_what_is_not_there_is_a_problem(rest: httpx.Client) -> None:
     assert_problem(rest.get("/v1/sessions/%3Cb%3E/report"), 404)
     session = opened(rest)
     assert_problem(rest.get(f"/v1/sessions/{session['id']}/report", params={"format": "pdf"}), 422, "format")
+
+
+def test_a_recording_is_there_at_any_moment_of_a_session(rest: httpx.Client) -> None:
+    session = opened(rest)
+    path = f"/v1/sessions/{session['id']}/recording.mcap"
+    assert "/pretouch/scans" not in read_messages(rest.get(path).content)
+    session = scanned(rest, session)
+    answer = rest.get(path)
+    assert answer.headers["content-type"] == "application/octet-stream"
+    assert answer.headers["content-disposition"] == f'attachment; filename="session-{session["id"]}.mcap"'
+    found = read_messages(answer.content)
+    (scan,) = found["/pretouch/scans"]
+    assert scan.estimate.expected_error == session["scans"][0]["expected_error"]
+    (told,) = found["/pretouch/session"]
+    assert told.session.id == session["id"]
+    head = rest.head(path)
+    assert (head.status_code, head.content) == (200, b"")
+    assert int(head.headers["content-length"]) == len(answer.content)
+    rest.delete(f"/v1/sessions/{session['id']}")
+    assert read_messages(rest.get(path).content)["/events"][-1].message == "cancelled"
+    rest.delete(f"/v1/sessions/{session['id']}", params={"purge": "true"})
+    assert_problem(rest.get(path), 404)
+
+
+def test_a_recording_of_what_is_not_there_is_a_problem(rest: httpx.Client) -> None:
+    assert_problem(rest.get("/v1/sessions/%3Cb%3E/recording.mcap"), 404)
+    assert_problem(rest.post("/v1/sessions/x/recording.mcap"), 405)

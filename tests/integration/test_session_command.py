@@ -19,6 +19,7 @@ from helpers.terminals import Terminal
 from pretouch.cli import main
 from pretouch.errors import NotFound
 from pretouch.estimate import Prior, from_prior
+from pretouch.recording.session_file import read_session_recording
 from pretouch.session import Planner, Proposer, Session, State
 
 
@@ -93,7 +94,7 @@ def test_cancelling_and_removing_say_what_they_did(command: Command, rest: httpx
     assert "stays as it is" in command("cancel", name).out
     assert "was cancelled after no scan" in command("show", name).out
     assert f"Session {name} is removed" in command("purge", name).out
-    for each in ("show", "watch", "cancel", "purge", "report"):
+    for each in ("show", "watch", "cancel", "purge", "report", "recording"):
         assert f"no session '{name}'" in refused(command(each, name), 2)
 
 
@@ -108,6 +109,23 @@ def test_a_report_becomes_a_file(command: Command, tmp_path: Path, monkeypatch: 
         assert "makes no reports" in refused(command("report", "s1", url=script.rest_url), 1)
     assert "cannot be written" in refused(command("report", "s1", "--out", str(tmp_path)), 2)
     assert (tmp_path / "session-s1.html").read_text() == "<p>1"
+
+
+def test_a_recording_becomes_a_file(
+    command: Command, rest: httpx.Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = opened(rest)["id"]
+    assert command("recording", name).out.startswith(f"session-{name}.mcap: 0.")
+    read = read_session_recording(tmp_path / f"session-{name}.mcap")
+    assert (read.session.session.id, read.complete) == (name, True)
+    assert command("recording", name, "-o", "other.mcap").code == 0
+    assert (tmp_path / "other.mcap").read_bytes() == (tmp_path / f"session-{name}.mcap").read_bytes()
+    ended = Session("s1", State.CONVERGED, Proposer.RANDOM, Planner.INFORMATION, (), from_prior(Prior(), np.eye(3)))
+    with ScriptedOrchestrator(ended) as script:
+        script.errors = [NotFound("There is no page.", "Look.")]
+        assert "makes no recordings" in refused(command("recording", "s1", url=script.rest_url), 1)
+        assert "no MCAP file" in refused(command("recording", "s1", url=script.rest_url), 1)
 
 
 def test_watching_outlives_a_restart_and_ends_with_the_session(orchestrator: Orchestrator, rest: httpx.Client) -> None:

@@ -49,8 +49,8 @@ def test_the_public_names_are_these() -> None:
 
 
 @pytest.mark.parametrize("kind", [RestClient, GrpcClient, AsyncRestClient, AsyncGrpcClient])
-def test_every_client_has_the_same_methods_and_those_over_rest_the_report(kind: type) -> None:
-    more = {"report"} if "Rest" in kind.__name__ else set()
+def test_every_client_has_the_same_methods_and_those_over_rest_the_downloads(kind: type) -> None:
+    more = {"report", "recording"} if "Rest" in kind.__name__ else set()
     assert {name for name in dir(kind) if not name.startswith("_")} == METHODS | more
 
 

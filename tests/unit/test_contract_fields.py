@@ -71,7 +71,7 @@ DERIVED = [
         common_pb2.Estimate.DESCRIPTOR,
         "Estimate",
         _CONVERGED["estimate"],
-        in_json="-sensor_problem +base_T_object",
+        in_json="-sensor_problem -engine +base_T_object",
     ),
     Contract(
         WeakDirection, common_pb2.WeakDirection.DESCRIPTOR, "WeakDirection", _CONVERGED["estimate"]["unobservable"][0]

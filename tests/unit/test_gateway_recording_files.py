@@ -12,10 +12,10 @@ import structlog
 from helpers.gateway_recordings import files_in, log_in, measured, sequence_in, series_in
 from pretouch_sensor_gateway.recording.limits import Limits
 from pretouch_sensor_gateway.recording.queue_items import BatchItem, EventItem, Item, StopItem
-from pretouch_sensor_gateway.recording.reader import RecordingReader
 from pretouch_sensor_gateway.recording.rotating_files import RETRY_AFTER, RotatingFiles
 
 from pretouch.errors import InvalidInput
+from pretouch.recording.reader import RecordingReader
 
 SMALL = Limits(file_bytes=64 * 1024, total_bytes=200 * 1024)
 

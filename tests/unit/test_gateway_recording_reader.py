@@ -24,10 +24,10 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from pretouch_sensor_gateway.recording.channels import Channel, schema_of
 from pretouch_sensor_gateway.recording.queue_items import ConfigurationItem, EventItem, StopItem
-from pretouch_sensor_gateway.recording.reader import RecordingReader
 from pretouch_sensor_gateway.recording.validation import check_recording
 
 from pretouch.errors import InvalidInput
+from pretouch.recording.reader import RecordingReader
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,10 @@ import pytest
 import structlog
 from helpers.gateway_recordings import T0, files_in, log_in, made_batch, made_configuration, recorded_in, sequence_in
 from pretouch_sensor_gateway.recording import writer as writer_module
-from pretouch_sensor_gateway.recording.reader import RecordingReader
 from pretouch_sensor_gateway.recording.recorder import QUEUE_BATCHES, Recorder
 from pretouch_sensor_gateway.recording.writer import RecordingWriter
+
+from pretouch.recording.reader import RecordingReader
 
 LOG = structlog.get_logger()
 

@@ -23,6 +23,7 @@ OPERATIONS = {
     "tell_samples": "POST /v1/sessions/{session_id}/scans/{scan_id}/samples",
     "stream_events": "GET /v1/sessions/{session_id}/events",
     "get_report": "GET /v1/sessions/{session_id}/report",
+    "get_recording": "GET /v1/sessions/{session_id}/recording.mcap",
     "list_devices": "GET /v1/devices",
     "get_device": "GET /v1/devices/{name}",
     "send_poses": "POST /v1/devices/{name}/poses",

@@ -9,6 +9,7 @@ from collections.abc import AsyncGenerator
 import httpx
 
 from pretouch.channel import MESSAGE_LIMIT
+from pretouch.client.api import Call
 from pretouch.client.arguments import FilePath
 from pretouch.client.asynchronous.client import AsyncClient
 from pretouch.client.events import QUIET, Event, ServerSentEvents
@@ -18,6 +19,7 @@ from pretouch.client.rest_api import (
     HttpMessage,
     RestSessionApi,
     raise_for_problem,
+    recording_call,
     report_call,
     session_path,
     with_trace,
@@ -64,12 +66,26 @@ class AsyncRestClient(AsyncClient[HttpMessage, HttpAnswer]):
             NotFound: there is no such session.
             Unavailable: the orchestrator is older than reports.
         """
+        return await self._download(report_call(session_id), session_id, "reports", timeout)
+
+    async def recording(self, session_id: str, *, timeout: float | None = None) -> bytes:
+        """Downloads the session's recording: an MCAP file, running or ended.
+
+        Raises:
+            NotFound: there is no such session.
+            Unavailable: the orchestrator is older than recordings.
+        """
+        return await self._download(recording_call(session_id), session_id, "recordings", timeout)
+
+    async def _download(
+        self, call: Call[HttpMessage, HttpAnswer, bytes], session_id: str, kind: str, timeout: float | None
+    ) -> bytes:
         try:
-            return await self._run(lambda: report_call(session_id), timeout)
+            return await self._run(lambda: call, timeout)
         except NotFound as error:
             await self.session(session_id, timeout=timeout)  # raises if it is the session that is unknown
             raise Unavailable(
-                f"The orchestrator at {self._base_url} makes no reports.",
+                f"The orchestrator at {self._base_url} makes no {kind}.",
                 "It is older than this client: update it, or read the session itself.",
             ) from error
 
@@ -79,7 +95,7 @@ class AsyncRestClient(AsyncClient[HttpMessage, HttpAnswer]):
                 within_async(seconds),
                 self._http.stream(message.method, message.path, timeout=seconds, **with_trace(message)) as response,
             ):
-                return await _read(response)
+                return await _read(response, message.limit)
 
     async def _listen(self, session_id: str, after: int) -> AsyncGenerator[Event]:
         headers = propagated() | {"Accept": "text/event-stream"} | ({"Last-Event-ID": str(after)} if after else {})
@@ -94,7 +110,7 @@ class AsyncRestClient(AsyncClient[HttpMessage, HttpAnswer]):
             try:
                 if not response.is_success:
                     async with within_async(self._timeout):
-                        raise_for_problem(await _read(response))
+                        raise_for_problem(await _read(response, MESSAGE_LIMIT))
                 async for chunk in response.aiter_bytes():
                     for event in parser.feed(chunk):
                         yield event
@@ -102,12 +118,10 @@ class AsyncRestClient(AsyncClient[HttpMessage, HttpAnswer]):
                 await response.aclose()
 
 
-async def _read(response: httpx.Response) -> HttpAnswer:
+async def _read(response: httpx.Response, limit: int) -> HttpAnswer:
     body = bytearray()
     async for chunk in response.aiter_bytes():
         body += chunk
-        if len(body) > MESSAGE_LIMIT:
-            raise TooLarge(
-                f"The answer of {response.url} has more than {MESSAGE_LIMIT} bytes.", "Ask for less at once."
-            )
+        if len(body) > limit:
+            raise TooLarge(f"The answer of {response.url} has more than {limit} bytes.", "Ask for less at once.")
     return HttpAnswer(response.status_code, str(response.url), response.headers, bytes(body))

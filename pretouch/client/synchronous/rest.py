@@ -10,6 +10,7 @@ from collections.abc import Generator
 import httpx
 
 from pretouch.channel import MESSAGE_LIMIT
+from pretouch.client.api import Call
 from pretouch.client.arguments import FilePath
 from pretouch.client.events import QUIET, Event, ServerSentEvents
 from pretouch.client.http import REST_ADDRESS, open_http, raising_transport_errors
@@ -18,6 +19,7 @@ from pretouch.client.rest_api import (
     HttpMessage,
     RestSessionApi,
     raise_for_problem,
+    recording_call,
     report_call,
     session_path,
     with_trace,
@@ -65,12 +67,26 @@ class RestClient(SyncClient[HttpMessage, HttpAnswer]):
             NotFound: there is no such session.
             Unavailable: the orchestrator is older than reports.
         """
+        return self._download(report_call(session_id), session_id, "reports", timeout)
+
+    def recording(self, session_id: str, *, timeout: float | None = None) -> bytes:
+        """Downloads the session's recording: an MCAP file, running or ended.
+
+        Raises:
+            NotFound: there is no such session.
+            Unavailable: the orchestrator is older than recordings.
+        """
+        return self._download(recording_call(session_id), session_id, "recordings", timeout)
+
+    def _download(
+        self, call: Call[HttpMessage, HttpAnswer, bytes], session_id: str, kind: str, timeout: float | None
+    ) -> bytes:
         try:
-            return self._run(lambda: report_call(session_id), timeout)
+            return self._run(lambda: call, timeout)
         except NotFound as error:
             self.session(session_id, timeout=timeout)  # raises if it is the session that is unknown
             raise Unavailable(
-                f"The orchestrator at {self._base_url} makes no reports.",
+                f"The orchestrator at {self._base_url} makes no {kind}.",
                 "It is older than this client: update it, or read the session itself.",
             ) from error
 
@@ -80,7 +96,7 @@ class RestClient(SyncClient[HttpMessage, HttpAnswer]):
                 within(seconds),
                 self._http.stream(message.method, message.path, timeout=seconds, **with_trace(message)) as response,
             ):
-                return _read(response)
+                return _read(response, message.limit)
 
     def _listen(self, session_id: str, after: int) -> Generator[Event]:
         headers = propagated() | {"Accept": "text/event-stream"} | ({"Last-Event-ID": str(after)} if after else {})
@@ -95,7 +111,7 @@ class RestClient(SyncClient[HttpMessage, HttpAnswer]):
             try:
                 if not response.is_success:
                     with within(self._timeout):
-                        raise_for_problem(_read(response))
+                        raise_for_problem(_read(response, MESSAGE_LIMIT))
                 for chunk in response.iter_bytes():
                     for event in parser.feed(chunk):
                         yield event
@@ -103,12 +119,10 @@ class RestClient(SyncClient[HttpMessage, HttpAnswer]):
                 response.close()
 
 
-def _read(response: httpx.Response) -> HttpAnswer:
+def _read(response: httpx.Response, limit: int) -> HttpAnswer:
     body = bytearray()
     for chunk in response.iter_bytes():
         body += chunk
-        if len(body) > MESSAGE_LIMIT:
-            raise TooLarge(
-                f"The answer of {response.url} has more than {MESSAGE_LIMIT} bytes.", "Ask for less at once."
-            )
+        if len(body) > limit:
+            raise TooLarge(f"The answer of {response.url} has more than {limit} bytes.", "Ask for less at once.")
     return HttpAnswer(response.status_code, str(response.url), response.headers, bytes(body))

@@ -107,7 +107,8 @@ class Registrar:
         ordered = _select_scans(scene, scans, settings)
         if not ordered:
             return from_prior(settings.prior, scene.cloud)
-        return _make_estimate(scene, *self._solve_cached(scene, ordered, settings))
+        estimate = _make_estimate(scene, *self._solve_cached(scene, ordered, settings))
+        return replace(estimate, engine=settings.engine.value)
 
     def solve(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> Solution:
         """The engine's own solution behind `register`, with its other modes."""

@@ -17,10 +17,11 @@ from pretouch import __version__
 from pretouch.geometry import Array, Pose
 from pretouch.session import ScanSummary
 from pretouch.tof import Scan
-from pretouch.wire.json import estimate_to_json, pose_from_json, request_to_json
+from pretouch.wire.json import pose_from_json, request_to_json
 from pretouch_orchestrator.perception.believed_ranges import Surface
 from pretouch_orchestrator.report.outcome import describe_correction, describe_outcome
 from pretouch_orchestrator.report.picture import draw_scene
+from pretouch_orchestrator.sessions.history import list_estimates
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.protocol import NewEvent
 
@@ -66,7 +67,7 @@ def build_document(record: Record, events: Iterable[NewEvent]) -> dict[str, Any]
         "origin": origin.tolist(),
         "unit": UNIT,
         "cloud": pack_points(_thin(record.scene.cloud, _MOST_POINTS), origin),
-        "estimates": _list_estimates(record, events, origin),
+        "estimates": [_describe_estimate(estimate, origin) for estimate in list_estimates(record, events)],
         "scans": scans,
         "next_path": [] if plan is None else pack_points(_thin(plan.path.base_T_tip[:, :3, 3], share), origin),
         "request": request_to_json(record.request),
@@ -145,23 +146,6 @@ def _measure_residuals(hits: Array, directions: Array, surface: Surface) -> list
     residuals = _LIFT - surface.predict_ranges(starts, directions)
     seen = surface.is_known_at(starts, directions) & (np.abs(residuals) < _LIFT)
     return [] if not seen.any() else [round(float(x), 6) for x in np.quantile(residuals[seen], _QUANTILES)]
-
-
-def _list_estimates(record: Record, events: Iterable[NewEvent], origin: Array) -> list[dict[str, Any]]:
-    """One before the first scan and one after each."""
-    made, by_scan = 0, {}
-    for event in events:
-        if event.type == "scan":
-            made += 1
-        elif event.type == "estimate":
-            by_scan[made] = event.data
-    by_scan[len(record.scans)] = estimate_to_json(record.estimate, None)
-    known = by_scan.get(0, by_scan[len(record.scans)])
-    described = []
-    for k in range(len(record.scans) + 1):
-        known = by_scan.get(k, known)
-        described.append(_describe_estimate(known, origin))
-    return described
 
 
 def _describe_estimate(estimate: dict[str, Any], origin: Array) -> dict[str, Any]:

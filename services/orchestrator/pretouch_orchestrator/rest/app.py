@@ -34,6 +34,7 @@ from pretouch_orchestrator.rest.hosts import HostCheck
 from pretouch_orchestrator.rest.login import add_login_routes
 from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, Purge, ScanId, SessionId
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
+from pretouch_orchestrator.rest.recording import add_recording_route
 from pretouch_orchestrator.rest.report import add_report_route
 from pretouch_orchestrator.rest.tracing import TracingMiddleware
 from pretouch_orchestrator.sessions.manager import DEFAULT_PAGE, SessionManager
@@ -80,6 +81,7 @@ def create_rest_app(
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
     add_report_route(app, sessions, context)
+    add_recording_route(app, sessions, context)
     add_device_routes(app, devices, context)
     _add_service_routes(app, context, check)
     add_login_routes(app, context)

@@ -16,6 +16,7 @@ from pretouch.tof import RangeSamples, Scan, Sensor
 from pretouch.v1 import detector_pb2, registrar_pb2
 from pretouch.v1 import sensor_gateway_pb2 as gateway_pb2
 from pretouch.wire import common
+from pretouch.wire.registration import settings_to_proto
 from pretouch.wire.scan_prediction import candidate_to_proto, predictions_from_proto
 from pretouch_orchestrator.upstream.copies import Copies
 
@@ -76,7 +77,7 @@ class RegistrarClient:
         request = registrar_pb2.RegisterRequest(
             scene_digest=scene.digest,
             scans=[common.scan_to_proto(scan) for scan in scans],
-            settings=_settings_to_proto(prior, sensor),
+            settings=settings_to_proto(prior, sensor),
         )
         answer = await self._ask("Register", request, scene)
         return common.estimate_from_proto(answer.estimate)
@@ -88,7 +89,7 @@ class RegistrarClient:
         request = registrar_pb2.PredictScansRequest(
             scene_digest=scene.digest,
             scans=[common.scan_to_proto(scan) for scan in scans],
-            settings=_settings_to_proto(prior, sensor),
+            settings=settings_to_proto(prior, sensor),
             candidates=[candidate_to_proto(candidate) for candidate in candidates],
         )
         return predictions_from_proto(await self._ask("PredictScans", request, scene), candidates)
@@ -101,10 +102,6 @@ class RegistrarClient:
         except UnknownScene:
             request.scene.CopyFrom(common.scene_to_proto(scene))
             return await self._copies.call(method, request, _LONG, scene.digest)
-
-
-def _settings_to_proto(prior: Prior, sensor: Sensor) -> registrar_pb2.RegistrationSettings:
-    return registrar_pb2.RegistrationSettings(prior=common.prior_to_proto(prior), sensor=common.sensor_to_proto(sensor))
 
 
 class GatewayClient:

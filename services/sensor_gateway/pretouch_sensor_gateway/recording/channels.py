@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
-from typing import Any
 
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
+from pretouch.recording.schema import describe_schema
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.recording_pb2 import RecordedTipPoses
 
@@ -52,19 +50,6 @@ class Entry:
     data: bytes
 
 
-@cache
 def schema_of(channel: Channel) -> bytes:
-    """The channel's schema as MCAP requires it: a FileDescriptorSet of the message's file and all that it imports."""
-    files: dict[str, Any] = {}
-
-    def add(file: Any) -> None:
-        if file.name not in files:
-            for imported in file.dependencies:
-                add(imported)
-            files[file.name] = file
-
-    add(channel.message.DESCRIPTOR.file)
-    described = FileDescriptorSet()
-    for file in files.values():
-        file.CopyToProto(described.file.add())
-    return described.SerializeToString()
+    """The channel's schema as MCAP requires it."""
+    return describe_schema(channel.message)

@@ -12,9 +12,9 @@ from pathlib import Path
 from google.protobuf.message import DecodeError
 
 from pretouch.errors import InvalidInput, PretouchError
+from pretouch.recording.reader import Recorded, RecordingReader
 from pretouch.v1 import sensor_gateway_pb2 as pb
 from pretouch.v1.recording_pb2 import RecordedTipPoses
-from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
 from pretouch_sensor_gateway.recording.validation import CONFIGURATION, RANGES, check_ranges
 
 LONGEST_GAP = 10.0

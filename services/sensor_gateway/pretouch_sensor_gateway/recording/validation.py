@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorSet
 from google.protobuf.message import DecodeError
 
 from pretouch.errors import InvalidInput, NotFound
+from pretouch.recording.compatibility import find_unknown_fields
+from pretouch.recording.reader import Recorded, RecordingReader
 from pretouch.regular_file import check_regular_file
 from pretouch.v1 import sensor_gateway_pb2 as pb
-from pretouch_sensor_gateway.recording.channels import Channel, schema_of
-from pretouch_sensor_gateway.recording.reader import Recorded, RecordingReader
 
 RANGES = pb.RangeBatch.DESCRIPTOR.full_name
 CONFIGURATION = pb.DeviceConfiguration.DESCRIPTOR.full_name
@@ -63,41 +62,12 @@ def check_ranges(message: Recorded, path: Path) -> None:
     Raises:
         InvalidInput: it has; a newer gateway has recorded it.
     """
-    known = schema_of(Channel.RANGES)
-    if message.described == known:
-        return
     try:
-        recorded = _fields(FileDescriptorSet.FromString(message.described))
+        unknown = find_unknown_fields(message.described, pb.RangeBatch)
     except DecodeError as error:
         raise InvalidInput(f"The recording {path} is damaged.", "Give another recording.") from error
-    unknown = _reachable(recorded, f".{RANGES}") - _reachable(
-        _fields(FileDescriptorSet.FromString(known)), f".{RANGES}"
-    )
     if unknown:
-        fields = ", ".join(sorted(name for name, *_ in unknown))
         raise InvalidInput(
-            f"{path} was recorded by another version of pretouch: this one does not know {fields}.",
+            f"{path} was recorded by another version of pretouch: this one does not know {', '.join(unknown)}.",
             "Update pretouch, or play it with the version that has recorded it.",
         )
-
-
-_Field = tuple[str, int, int, int]
-"""Full name, number, type and label."""
-
-
-def _fields(described: FileDescriptorSet) -> dict[str, DescriptorProto]:
-    return {f".{file.package}.{message.name}": message for file in described.file for message in file.message_type}
-
-
-def _reachable(messages: dict[str, DescriptorProto], root: str) -> set[_Field]:
-    """The fields of the message `root`, and of all messages nested in it."""
-    found: set[_Field] = set()
-    seen, waiting = {root}, [root]
-    while waiting:
-        name = waiting.pop()
-        for field in messages[name].field if name in messages else ():
-            found.add((f"{name[1:]}.{field.name}", field.number, field.type, field.label))
-            if field.type_name not in seen:
-                seen.add(field.type_name)
-                waiting.append(field.type_name)
-    return found
