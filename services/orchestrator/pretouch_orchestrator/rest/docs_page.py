@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from base64 import b64encode
+from hashlib import sha256
 from html import escape
 from typing import Any
 
@@ -16,6 +18,11 @@ pre { overflow-x: auto; background: #8881; padding: .75rem; }
 td { vertical-align: top; padding: .15rem 1rem .15rem 0; }
 h2 { font-size: 1.1rem; }
 """
+PAGE_POLICY = (
+    f"default-src 'none'; style-src 'sha256-{b64encode(sha256(STYLE.encode()).digest()).decode('ascii')}'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+"""The content security policy of a page without scripts whose only style is STYLE."""
 
 
 def render_docs_page(document: dict[str, Any]) -> str:
