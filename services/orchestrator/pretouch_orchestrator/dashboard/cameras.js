@@ -8,7 +8,7 @@ const DRIFTS = { steady: ["converged", "✓", "steady"], suspected: ["exhausted"
 const NOTE = "What the sessions of a camera have in common is the camera's own calibration error: it is learned, and the next session starts from it.";
 
 export function showCameras(root, { signal, announce }) {
-  const { element, rows } = makeTable("Cameras", ["Camera", "State", "Sessions", "Correction, camera's side", "Correction, base's side", "Differs from session to session"]);
+  const { element, rows } = makeTable("Cameras", ["Camera:", "State:", "Sessions", "Correction, camera's side:", "Correction, base's side:", "Differs from session to session:"]);
   const message = html("div");
   element.hidden = true;
   root.append(heading("Cameras"), html("p", { class: "note" }, NOTE), message, element);

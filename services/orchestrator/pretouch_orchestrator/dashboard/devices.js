@@ -8,7 +8,7 @@ const STATES = { streaming: ["converged", "✓"], connecting: ["exhausted", "…
 const DASHES = ["", "6 3", "2 3", "8 3 2 3", "12 4", "4 4", "1 4", "10 2 2 2"];
 
 export function showDevices(root, { signal, announce, name }) {
-  const { element, rows } = makeTable("Fingertips", ["Fingertip", "State", "Port", "Measurements", "Refused", "Lost", "Problem and remedy"]);
+  const { element, rows } = makeTable("Fingertips", ["Fingertip:", "State:", "Port:", "Measurements", "Refused", "Lost", "Problem and remedy:"]);
   const message = html("div"), detail = html("div");
   root.append(
     heading("Fingertips"),
@@ -36,7 +36,7 @@ export function showDevices(root, { signal, announce, name }) {
 
   function watch(device) {
     const facts = html("div"), values = html("p", { class: "values" }), chart = html("div"), failure = html("div");
-    detail.replaceChildren(html("section", { class: "panel" }, html("h2", {}, `Live ranges of ${device}`), failure, values, chart, facts));
+    detail.replaceChildren(html("section", { class: "panel" }, html("h2", {}, `Live ranges of ${device}`), failure, html("div", { class: "live" }, chart, html("div", {}, values, facts))));
     const path = `/v1/devices/${encodeURIComponent(device)}`;
     poll(path, EVERY, signal, ({ document: status }) => {
       failure.replaceChildren();
@@ -68,6 +68,7 @@ function describe({ format, rate, clock, modules }) {
 function makeChart(chart, values) {
   let kept = [], drawn = 0;
   return ({ t, range, range_status: statuses }) => {
+    if (kept.length && t[0] < kept.at(-1).time) kept = []; // the gateway started anew
     t.forEach((time, k) => kept.push({ time, range: range[k], statuses: statuses[k] }));
     const last = kept.at(-1);
     if (!last || performance.now() - drawn < REDRAW_EVERY) return;

@@ -10,7 +10,7 @@ const TASKS = {
 };
 
 export function showServices(root, { signal, announce }) {
-  const { element, rows } = makeTable("Services", ["Service", "State", "What it does", "Problem and remedy"]);
+  const { element, rows } = makeTable("Services", ["Service:", "State:", "What it does:", "Problem and remedy:"]);
   const message = html("div"), about = html("p", { class: "note" });
   root.append(
     heading("Services"),

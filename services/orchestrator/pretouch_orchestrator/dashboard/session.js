@@ -62,12 +62,12 @@ function makePage(name, path) {
   const badge = html("span"), facts = html("div"), outcome = html("p", { class: "outcome" }), warnings = html("div");
   const buttons = html("span", { class: "controls" });
   const links = html("p", { class: "controls" },
-    html("a", { href: `${path}/report`, target: "_blank" }, "Report"),
+    html("a", { href: `${path}/report`, target: "_blank" }, "Open the report"),
     html("a", { href: `${path}/report`, download: `session-${name}.html` }, "Download the report"),
     html("a", { href: `${path}/recording.mcap`, download: `session-${name}.mcap` }, "Recording for Foxglove or Rerun (MCAP)"), buttons);
   const image = html("img"), seen = html("p", { class: "note" });
-  const scans = makeTable("Scans", ["After", "Path", "Returns", "Samples", "Robot time", "Expected error", "At most (95 %)", "Fit (p)"]);
-  const regions = makeTable("Regions", ["Region", "Confidence", "Error expected after", "Scanned as"]);
+  const scans = makeTable("Scans", ["After:", "Path:", "Returns", "Samples", "Robot time", "Expected error", "At most (95 %)", "Fit (p)"]);
+  const regions = makeTable("Regions", ["Region:", "Confidence", "Error expected after", "Scanned as:"]);
   const request = html("pre", { tabindex: "0" }), made = html("summary");
   const view = (kind) => html("div", { "data-view": kind });
   const picture = html("div", { class: "picture", "data-view": "picture" }, image);
@@ -75,7 +75,7 @@ function makePage(name, path) {
   const body = html("div", {}, outcome, links, warnings,
     row(panel("What the camera saw, and where the finger went", picture, seen), panel("In numbers", facts, html("h2", {}, "Error over the session"), view("errors"))),
     panel("Before and after, in the robot's base frame", view("scene"), note("Drag or use the arrow keys to turn; pinch, Ctrl and wheel, or + and - to zoom; z is up.")),
-    panel("Scans", scans.element),
+    panel("Scans", scans.element, note("Fit: the p-value of the samples under the answer. Below 0.01 they do not fit it, and the session does not converge.")),
     row(panel("Residuals by scan", view("residuals")), panel("Regions, the proposer's best first", regions.element)),
     html("details", { class: "panel" }, made, request));
   body.hidden = true;

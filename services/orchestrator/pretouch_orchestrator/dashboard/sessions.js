@@ -7,7 +7,7 @@ const PAGE = 25, EVERY = 2500, EVERY_OLDER = 15_000; // sessions; ms
 
 export function showSessions(root, { signal, announce, query }) {
   const cursor = query.get("cursor") ?? "";
-  const { element, rows } = makeTable("Sessions, the newest first", ["Session", "State", "Why", "Expected error", "At most (95 %)", "Scans", "Robot time", "Age"]);
+  const { element, rows } = makeTable("Sessions, the newest first", ["Session:", "State:", "Why it ended:", "Expected error", "At most (95 %)", "Scans", "Robot time", "Age"]);
   const message = html("div"), pages = html("nav", { "aria-label": "Pages", class: "controls" });
   element.hidden = true;
   root.append(

@@ -52,9 +52,11 @@ export function showProblem(place, error) {
   place.replaceChildren(html("p", { class: "warning", role: "alert" }, error.message));
 }
 
-/** An empty table in a place that scrolls by itself; `rows` is its body. */
+/** An empty table in a place that scrolls by itself; `rows` is its body. Columns whose heading ends in ":" hold text, others numbers. */
 export function makeTable(label, headings) {
-  const rows = html("tbody"), head = html("tr", {}, ...headings.map((text) => html("th", { scope: "col" }, text)));
+  const rows = html("tbody");
+  rows.kinds = headings.map((heading) => (heading.endsWith(":") ? "text" : "number"));
+  const head = html("tr", {}, ...headings.map((heading, k) => html("th", { scope: "col", class: rows.kinds[k] }, heading.replace(/:$/, ""))));
   const table = html("table", { class: "wide" }, html("caption", { class: "unseen" }, label), html("thead", {}, head), rows);
   return { element: html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": label }, table), rows };
 }
@@ -67,7 +69,7 @@ export function setRows(rows, keyed) {
     const row = present.get(key) ?? html("tr", { "data-key": key });
     present.delete(key);
     cells.forEach((cell, k) => {
-      const place = row.children[k] ?? row.appendChild(html(k ? "td" : "th", k ? {} : { scope: "row" }));
+      const place = row.children[k] ?? row.appendChild(html(k ? "td" : "th", { class: rows.kinds[k], ...(k ? {} : { scope: "row" }) }));
       const text = typeof cell === "string" ? cell : cell.outerHTML;
       if (place.shown === text) return;
       place.shown = text;
