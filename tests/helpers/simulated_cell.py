@@ -24,8 +24,8 @@ from pretouch_simulation.services import Services
 from pretouch.client import RestClient
 from pretouch.session import Budget, Tolerance
 
-PACE = 20.0
-"""How many times as fast as planned the robot moves."""
+PACE = 8.0
+"""How many times as fast as planned the robot moves, and its finger measures."""
 
 
 class SimulatedCell:
