@@ -27,14 +27,14 @@ def test_a_session_appears_grows_and_ends_and_its_report_stays(
         page.goto("/")
         expect(page.get_by_text("There is no session yet")).to_be_visible()
         steps = cell.session()
-        recording = next(steps)
-        link = page.get_by_role("link", name=recording.last.id)
+        session = next(steps)
+        link = page.get_by_role("link", name=session.id)
         expect(link).to_be_visible()
-        expect(page.get_by_role("row", name=recording.last.id)).to_contain_text("Under way")
+        expect(page.get_by_role("row", name=session.id)).to_contain_text("Under way")
         other = page.context.new_page()  # a second tab keeps the list
         other.goto("/")
         link.click()
-        expect(page.get_by_role("heading", level=1)).to_have_text(f"Session {recording.last.id}")
+        expect(page.get_by_role("heading", level=1)).to_have_text(f"Session {session.id}")
         expect(page.get_by_text("Under way without a scan.")).to_be_visible()
         rows = page.get_by_role("region", name="Scans", exact=True).locator("tbody tr")
         expect(rows).to_have_count(1)
@@ -45,14 +45,15 @@ def test_a_session_appears_grows_and_ends_and_its_report_stays(
         turned = _picture(canvas)
         canvas.press("ArrowLeft")
         assert _picture(canvas) != turned
-        for count, _ in enumerate(steps, start=1):
+        for count, latest in enumerate(steps, start=1):
+            session = latest
             expect(rows).to_have_count(count + 1)
             assert slider.evaluate("each => each.max") == str(count)
             expect(canvas).to_be_focused()
-        assert recording.last.state.ended
-        word = recording.last.state.value.capitalize()
+        assert session.state.ended
+        word = session.state.value.capitalize()
         expect(page.locator(".badge").filter(has_text=word).first).to_be_visible()
-        expect(other.get_by_role("row", name=recording.last.id)).to_contain_text(word)
+        expect(other.get_by_role("row", name=session.id)).to_contain_text(word)
         expect(page.get_by_role("button", name="Cancel the session")).to_have_count(0)
 
         with page.expect_download() as downloading:
@@ -62,11 +63,11 @@ def test_a_session_appears_grows_and_ends_and_its_report_stays(
         assert report.stat().st_size < 3e6
         with browser.page(offline=True) as reader:
             reader.goto(report.as_uri())
-            expect(reader.get_by_role("heading", level=1)).to_have_text(f"Session {recording.last.id}")
+            expect(reader.get_by_role("heading", level=1)).to_have_text(f"Session {session.id}")
             expect(reader.locator("svg.chart")).to_have_count(2)
             assert _is_drawn(reader.locator("canvas"))
         assert page.get_by_role("link", name="Recording").get_attribute("href") == (
-            f"/v1/sessions/{recording.last.id}/recording.mcap"
+            f"/v1/sessions/{session.id}/recording.mcap"
         )
 
 
@@ -74,7 +75,7 @@ def test_ranges_of_a_real_gateway_are_drawn_as_they_come(browser: Browser, cell:
     with browser.page(base_url=cell.rest) as page:
         page.goto("/#/devices")
         expect(page.get_by_role("row", name="finger streaming")).to_contain_text("streaming")
-        expect(page.locator(".values")).to_have_text("no target")
+        expect(page.locator(".values")).to_have_text("Now: no target")
         expect(page.locator("svg.chart")).to_be_visible()
 
 

@@ -43,9 +43,9 @@ export async function showCamera(root, { signal, name }) {
     showProblem(message, error);
     return;
   }
-  const state = html("p"), facts = html("div"), chart = html("div");
+  const state = html("p"), facts = html("div"), chart = html("div"), leftOut = html("div");
   body.append(state, html("div", { class: "row" }, html("section", { class: "panel" }, html("h2", {}, "What was learned"), facts),
-    html("section", { class: "panel" }, html("h2", {}, "Error before each session"), chart)));
+    html("section", { class: "panel" }, html("h2", {}, "Error, session by session"), chart)), leftOut);
   poll(path, EVERY, signal, ({ document: camera }) => {
     message.replaceChildren();
     const { state: drift, since } = camera.drift;
@@ -57,10 +57,11 @@ export async function showCamera(root, { signal, name }) {
       ["Differs from session to session", describeResidual(camera.residual)],
     ]));
     showHistory(chart, camera);
+    leftOut.replaceChildren(...(camera.left_out ?? []).map(({ session, reason }) => html("p", { class: "note" }, `Session ${session} does not count. ${reason}`)));
   }, (problem) => showProblem(message, problem));
 }
 
-/** Solid: the error that each session found. Dashed: what was predicted. A line where the camera was found to have moved. */
+/** The errors over the sessions, and a line where the camera was found to have moved. */
 function showHistory(place, { history, drift }) {
   if (!history.length) {
     place.replaceChildren(html("p", {}, "There is no session yet."));
@@ -77,7 +78,7 @@ function showHistory(place, { history, drift }) {
     svg.append(make("line", { class: "alarm", x1: x(knocked + 1), x2: x(knocked + 1), y1: y(0), y2: 12 }));
     svg.append(make("text", { x: x(knocked + 1) + 5, y: 24 }, `▲ ${drift.state}`));
   }
-  place.replaceChildren(svg, html("p", { class: "note" }, "Solid: the mean error of the camera before each session, as the finger found it. Dashed: the error that was predicted."));
+  place.replaceChildren(svg, html("p", { class: "note" }, "Solid: how far the camera misplaced the object's points, as each session found. Dashed: how much of that was expected to be left by what had been learned before it. A session that finds far more than was expected means that the camera was moved."));
 }
 
 function describePose({ translation, rotation: [x, y, z, w] }) {

@@ -74,9 +74,9 @@ function makeChart(chart, values) {
     if (!last || performance.now() - drawn < REDRAW_EVERY) return;
     drawn = performance.now();
     kept = kept.filter(({ time }) => time > last.time - SPAN);
-    values.textContent = last.range.map((each, k) => `${last.range.length > 1 ? `${k}: ` : ""}${each === null ? last.statuses[k].replace("_", " ") : mm(each)}`).join(", ");
+    values.textContent = `Now: ${last.range.map((each, k) => `${last.range.length > 1 ? `${k}: ` : ""}${each === null ? last.statuses[k].replace("_", " ") : mm(each)}`).join(", ")}`;
     if (last.range.length > MOST_LINES) chart.replaceChildren(html("p", { class: "note" }, `${last.range.length} modules: too many for a chart.`));
-    else chart.replaceChildren(drawRanges(chart, kept, last));
+    else chart.replaceChildren(drawRanges(chart, kept, last), html("p", { class: "note" }, "Where there is no line, the sensor gave no range, most often because nothing was near."));
   };
 }
 

@@ -47,7 +47,6 @@ async function route(event) {
     else link.removeAttribute("aria-current");
   }
   main.replaceChildren();
-  announce("");
   try {
     caller ??= (await getPatiently("/v1/caller", signal)).document;
     document.getElementById("logout").hidden = !caller.token;

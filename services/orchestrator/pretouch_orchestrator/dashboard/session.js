@@ -83,7 +83,7 @@ function makePage(name, path) {
   function fill(found, now) {
     const { near, far, data, window: [, , width, height] } = found.picture;
     body.hidden = false;
-    badge.replaceChildren(stateBadge(found.state), ` opened ${age(Date.parse(found.created) / 1000, now)} ago`);
+    badge.replaceChildren(stateBadge(found.state), `, opened ${age(Date.parse(found.created) / 1000, now)} ago`);
     outcome.textContent = found.outcome;
     warnings.replaceChildren(...found.warnings.map(({ code, detail, remedy }) => html("div", { class: "warning" }, html("strong", {}, code), `: ${detail} ${remedy}`)));
     facts.replaceChildren(factList(found.facts));

@@ -7,7 +7,7 @@ const PAGE = 25, EVERY = 2500, EVERY_OLDER = 15_000; // sessions; ms
 
 export function showSessions(root, { signal, announce, query }) {
   const cursor = query.get("cursor") ?? "";
-  const { element, rows } = makeTable("Sessions, the newest first", ["Session:", "State:", "Why it ended:", "Expected error", "At most (95 %)", "Scans", "Robot time", "Age"]);
+  const { element, rows } = makeTable("Sessions, the newest first", ["Session:", "State:", "Expected error", "At most (95 %)", "Scans", "Robot time", "Age", "Why it ended:"]);
   const message = html("div"), pages = html("nav", { "aria-label": "Pages", class: "controls" });
   element.hidden = true;
   root.append(
@@ -24,12 +24,12 @@ export function showSessions(root, { signal, announce, query }) {
     setRows(rows, sessions.map((session) => [session.id, [
       html("a", { href: `#/sessions/${encodeURIComponent(session.id)}` }, session.id),
       stateBadge(session.state),
-      shortReason(session.reason),
       mm(session.estimate.expected_error),
       mm(session.estimate.error_quantile),
       String(session.budget_used.scans),
       `${session.budget_used.seconds.toFixed(1)} s`,
       age(session.created, now),
+      shortReason(session.reason),
     ]]));
     const links = [];
     if (cursor) links.push(html("a", { href: "#/sessions" }, "← Newest"));
