@@ -11,7 +11,7 @@ from helpers.chromium import browsing
 from helpers.simulated_cell import SimulatedCell
 
 FOLDER = Path(__file__).parents[2] / "docs" / "how-to"
-COLOURS = 128
+COLOURS = 255
 WIDE, NARROW = {"width": 1180, "height": 980}, {"width": 390, "height": 1100}
 
 
@@ -34,7 +34,8 @@ def main() -> None:
         assert last.next_scan is not None
         fingers.goto("/#/devices")
         fingers.wait_for_selector("svg.chart")
-        mug.move(last.next_scan)
+        for _ in range(5):
+            mug.move(last.next_scan)
         take(fingers, "dashboard-fingertips")
         views = (("", "light", WIDE), ("-dark", "dark", WIDE), ("-narrow", "light", NARROW))
         for suffix, scheme, size in views:

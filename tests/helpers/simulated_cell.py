@@ -11,7 +11,7 @@ The session's samples are computed, so that they do not depend on how busy the m
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
@@ -56,7 +56,7 @@ class SimulatedCell:
         """URL of the orchestrator."""
         return self._services.rest
 
-    def session(self, tolerance: float = 0.005, scans: int = 10) -> Iterator[Session]:
+    def session(self, tolerance: float = 0.005, scans: int = 10) -> Generator[Session]:
         """A session with this tolerance, m, and at most so many scans: as it was opened, then after each scan."""
         budget = Budget(scans=scans, fraction=1.0)
         request = request_for(self._case, self._finger.sensor, budget, Tolerance(error=tolerance))
