@@ -13,10 +13,10 @@ from helpers.chromium import Browser, find_barriers
 from helpers.fake_upstream import FakeUpstream
 from helpers.processes import Orchestrator
 from helpers.rest_sessions import opened, scanned
-from playwright.sync_api import expect
 
 from pretouch.serving.tokens import make_token
 
+expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>\"'&"
 IDENTITY = {"translation": [0.003, 0.004, 0.0], "rotation": [0.0, 0.0, 0.0087265, 0.99996]}
 CAMERAS = [

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from helpers.chromium import Browser
 from helpers.simulated_cell import SimulatedCell
-from playwright.sync_api import expect
 
+expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
 pytestmark = pytest.mark.timeout(600)
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 STYLE = """
 :root { color-scheme: light dark; }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 56rem; margin: 2rem auto; padding: 0 1rem; overflow-wrap: anywhere; }
-body { color: #1b1b1f; background: #fff; } a { color: #00528a; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 56rem; margin: 2rem auto; padding: 0 1rem; }
+body { overflow-wrap: anywhere; color: #1b1b1f; background: #fff; } a { color: #00528a; }
 @media (prefers-color-scheme: dark) { body { color: #ececf1; background: #16161a; } a { color: #8ecbff; } }
 section { border-top: 1px solid #8886; padding: .5rem 0; }
 code, pre { font: 14px/1.4 ui-monospace, monospace; }
