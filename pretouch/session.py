@@ -406,6 +406,7 @@ class Session:
             in scans, seconds, fraction, nothing-to-gain, out-of-range, misfit or sensor.
         warnings: what is legal but odd about the input, at most one of each kind.
         table: the table in base that was given or found, as the camera puts it, offset in metres.
+        created: when it was created, in seconds since the Unix epoch; left out: by a pretouch that did not note it.
     """
 
     id: str
@@ -421,3 +422,4 @@ class Session:
     reason: dict[str, Any] | None = None
     warnings: tuple[SessionWarning, ...] = ()
     table: Plane | None = None
+    created: float | None = None

@@ -565,6 +565,7 @@ class Session(_message.Message):
     BASE_T_OBJECT_FIELD_NUMBER: _builtins.int
     WARNINGS_FIELD_NUMBER: _builtins.int
     TABLE_FIELD_NUMBER: _builtins.int
+    CREATED_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     """Name of the session."""
     state: Global___SessionState.ValueType
@@ -579,6 +580,8 @@ class Session(_message.Message):
     """The proposer that is used."""
     planner: _builtins.str
     """The planner that is used."""
+    created: _builtins.float
+    """When it was created, in seconds since the Unix epoch; left out: by a pretouch that did not note it."""
     @_builtins.property
     def regions(self) -> _containers.RepeatedCompositeFieldContainer[Global___Region]:
         """The regions of the object that are worth scanning, the proposer's best first."""
@@ -627,12 +630,15 @@ class Session(_message.Message):
         base_t_object: _common_pb2.Pose | None = ...,
         warnings: _abc.Iterable[Global___SessionWarning] | None = ...,
         table: _common_pb2.Plane | None = ...,
+        created: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "budget_used", b"budget_used", "estimate", b"estimate", "next_scan", b"next_scan", "table", b"table"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_created", b"_created", "base_t_object", b"base_t_object", "budget_used", b"budget_used", "created", b"created", "estimate", b"estimate", "next_scan", b"next_scan", "table", b"table"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_object", b"base_t_object", "budget_used", b"budget_used", "estimate", b"estimate", "id", b"id", "next_scan", b"next_scan", "planner", b"planner", "proposer", b"proposer", "reason", b"reason", "regions", b"regions", "scans", b"scans", "state", b"state", "table", b"table", "warnings", b"warnings"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_created", b"_created", "base_t_object", b"base_t_object", "budget_used", b"budget_used", "created", b"created", "estimate", b"estimate", "id", b"id", "next_scan", b"next_scan", "planner", b"planner", "proposer", b"proposer", "reason", b"reason", "regions", b"regions", "scans", b"scans", "state", b"state", "table", b"table", "warnings", b"warnings"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__created: _TypeAlias = _typing.Literal["created"]  # noqa: Y015
+    _WhichOneofArgType__created: _TypeAlias = _typing.Literal["_created", b"_created"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__created) -> _WhichOneofReturnType__created | None: ...
 
 Global___Session: _TypeAlias = Session  # noqa: Y015
 

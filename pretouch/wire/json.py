@@ -217,6 +217,8 @@ def session_to_json(session: Session) -> dict[str, Any]:
         document["table"] = object_to_json(session.table)
     if session.reason is not None:
         document["reason"] = session.reason
+    if session.created is not None:
+        document["created"] = session.created
     return document
 
 
@@ -243,6 +245,7 @@ def session_from_json(document: object) -> Session:
         reason=members.get("reason", None),
         warnings=tuple(object_from_json(each, SessionWarning) for each in members.objects("warnings")),
         table=object_from_json(members.members("table", None), Plane) if "table" in members else None,
+        created=members.number("created") if "created" in members else None,
     )
 
 

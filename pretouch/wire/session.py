@@ -184,6 +184,8 @@ def session_to_proto(session: Session) -> pb.Session:
         message.next_scan.CopyFrom(scan_plan_to_proto(session.next_scan))
     if session.base_T_object is not None:
         message.base_t_object.CopyFrom(common.pose_to_proto(session.base_T_object))
+    if session.created is not None:
+        message.created = session.created
     return message
 
 
@@ -212,6 +214,7 @@ def session_from_proto(message: pb.Session) -> Session:
         reason=json.loads(message.reason) if message.reason else None,
         warnings=tuple(common.contract_from_proto(each, SessionWarning, "warning") for each in message.warnings),
         table=common.contract_from_proto(message.table, Plane, "table") if message.HasField("table") else None,
+        created=message.created if message.HasField("created") else None,
     )
 
 

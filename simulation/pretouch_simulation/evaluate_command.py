@@ -42,6 +42,7 @@ from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.frame_folder import frames_in
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import Split
+from pretouch_simulation.worst_report import WORST, save_worst_runs
 
 _FILE_WIDTH = 160
 _VIEWS, _SCANS, _SEEDS = 3, 5, 3
@@ -54,6 +55,8 @@ _STOP = (
 _TOLERANCE = "Stop a session at this error, m, with default budgets. Left out: on meshes never, on frames at 3 mm."
 _CLUTTER = "Two to five other meshes of the folder, of --split's side, stand around each."
 _GUARDED = "The robot lifts its tip by a reflex; paths are planned from what is expected, not from the worst case."
+
+_REPORT = f"Where the {WORST} runs with the largest errors go as reports, one HTML file; they are run once more for it."
 
 
 def evaluate(
@@ -115,6 +118,7 @@ def evaluate(
     details: Annotated[
         Path | None, typer.Option(help="Where each row's pose error goes, as JSON lines; with the stated covariance.")
     ] = None,
+    report: Annotated[Path | None, typer.Option(help=_REPORT)] = None,
 ) -> None:
     """Score the whole loop on simulated views of a folder of meshes, or on real frames with default budgets.
 
@@ -130,6 +134,8 @@ def evaluate(
         },
         for_frames={"--seeds": seeds},
     )
+    if report is not None and paper_setting:
+        raise InvalidInput("--report cannot go with --paper-setting.", "Its scans are no sessions: leave one out.")
     tasks: list[Task]
     if frames is not None:
         tasks = [*frame_tasks(frames_in(frames, only or ()), range(seed, seed + (seeds or _SEEDS)))]
@@ -166,8 +172,9 @@ def evaluate(
         for one in engines
     ]
     check_file(out)
-    if details is not None:
-        check_file(details)
+    for written in (details, report):
+        if written is not None:
+            check_file(written)
     kept = PartialResults(out, first)
     try:
         runs = run_with_progress(tasks, protocols, workers, kept, console)
@@ -181,6 +188,9 @@ def evaluate(
     if details is not None:
         write_details(details, runs)
     kept.remove()
+    if report is not None:
+        with console.status("Repeating the worst runs for their report ..."):
+            save_worst_runs(runs, tasks, protocols, f"{shlex.join(['pretouch', *sys.argv[1:]])}. Seed {seed}.", report)
     _report(runs, first, out)
     if any(run.problem for run in runs):
         raise typer.Exit(1)

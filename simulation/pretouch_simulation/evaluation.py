@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_registrar.registration import Registrar, Settings
 
@@ -148,6 +149,12 @@ def _run_or_reuse_steps(
     return [_rematch(step, protocol, registrar) for step in led[protocol.sensor]]
 
 
+async def open_session(case: Case, protocol: Protocol, loop: Loop, finger: Finger) -> Record:
+    """The session on `case` before its first scan; raises `PretouchError` where the services refuse it."""
+    request = replace(request_of(case, protocol), sensor=finger.sensor)
+    return await loop.open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
+
+
 async def run_session(
     case: Case, protocol: Protocol, registrar: Registrar, upto: int | None = None, finger: Finger | None = None
 ) -> list[Step]:
@@ -158,16 +165,15 @@ async def run_session(
     """
     loop = loop_of(protocol, registrar)
     finger = finger or finger_of(case, protocol)
-    request = replace(request_of(case, protocol), sensor=finger.sensor)
     most = protocol.scans if upto is None else min(upto, protocol.scans)
     started = time.perf_counter()
-    record = await loop.open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
+    record = await open_session(case, protocol, loop, finger)
     opening = time.perf_counter() - started
     steps = list[Step]()
     while record.next_scan is not None and len(steps) < most:
         plan = record.next_scan
         rng = generator("finger", protocol.seed, case.name, case.view, len(steps))
-        reflex = Reflex() if request.scan.guarded else None
+        reflex = Reflex() if record.request.scan.guarded else None
         samples = scan_along(case.world, plan.path, record.request.sensor, finger, rng, reflex)
         if protocol.stop:
             record, samples = await tell_until_enough(loop, record, samples), NOTHING

@@ -15,6 +15,7 @@ from pretouch.errors import Unavailable
 from pretouch.geometry import Array
 from pretouch_simulation.demo import Recording
 from pretouch_simulation.mesh import Mesh
+from pretouch_simulation.protocol import Case
 
 _POINTS = 5000
 _TIMEOUT = 60.0
@@ -39,18 +40,21 @@ def fetch_report(rest: str, session_id: str) -> dict[str, Any]:
 def save_report(recordings: Sequence[Recording], about: str, path: Path) -> None:
     """Writes one file of all sessions' reports; `about` is a sentence on their settings."""
     documents = [
-        (recording.title, recording.report | {"truth": _describe_truth(recording)}) for recording in recordings
+        (recording.title, with_truth(recording.report, recording.case, recording.true_errors()))
+        for recording in recordings
     ]
     path.write_text(render_page("pretouch demo", about, documents), encoding="utf-8")
 
 
-def _describe_truth(recording: Recording) -> dict[str, Any]:
-    body = recording.case.world.bodies[0]
+def with_truth(document: dict[str, Any], case: Case, errors: Sequence[float]) -> dict[str, Any]:
+    """A report's document beside the truth.
+
+    Args:
+        errors: m, the true ones: before the first scan, and after each.
+    """
+    body = case.world.bodies[0]
     points = _sample_surface(body.mesh.moved(body.base_T_mesh), _POINTS)
-    return {
-        "errors": recording.true_errors(),
-        "points": pack_points(points, np.array(recording.report["origin"])),
-    }
+    return document | {"truth": {"errors": list(errors), "points": pack_points(points, np.array(document["origin"]))}}
 
 
 def _sample_surface(mesh: Mesh, count: int) -> Array:

@@ -63,7 +63,7 @@ def test_a_wrong_token_is_said_in_the_form_and_no_redirection_leaves(
     assert "set-cookie" not in wrong.headers
     for target in ("//evil.example/", "https://evil.example/", "/\\evil.example", "javascript:alert(1)", "/a\r\nb: c"):
         done = log_in(browser, guarded, target)
-        assert (done.status_code, done.headers["location"]) == (303, "/docs")
+        assert (done.status_code, done.headers["location"]) == (303, "/")
     form = browser.get("/login", params={"next": "'><script>alert(1)</script>"}).text
     assert "<script>" not in form
     assert browser.post("/login", content=b"x" * 200_000, headers={"Origin": guarded.rest_url}).status_code == 401
@@ -156,7 +156,7 @@ def test_a_listed_page_of_another_site_may_call(tmp_path: Path, fakes: FakeUpstr
 
 def test_head_is_get_without_a_body(rest: httpx.Client) -> None:
     session = opened(rest)["id"]
-    paths = ["/healthz", "/readyz", "/metrics", "/docs", "/openapi.json", "/v1/sessions", "/nowhere"]
+    paths = ["/", "/healthz", "/readyz", "/metrics", "/docs", "/openapi.json", "/v1/sessions", "/v1/caller", "/nowhere"]
     paths += [f"/v1/sessions/{session}", f"/v1/sessions/{session}/next-scan", "/v1/sessions/none"]
     for path in paths:
         head, get = rest.head(path), rest.get(path)

@@ -27,6 +27,9 @@ def test_the_wheel_holds_code_protocol_weights_migrations_and_licence_and_no_tes
     wanted = {f"pretouch/v1/{proto.name}" for proto in (ROOT / "proto/pretouch/v1").glob("*.proto")}
     wanted |= {proto.replace(".proto", "_pb2.py") for proto in wanted}
     wanted |= {f"{package}/py.typed" for package in _packages()}
+    wanted |= {
+        f"pretouch_orchestrator/{name}" for name in ("dashboard/index.html", "dashboard/main.js", "report/views.js")
+    }
     wanted |= {f"pretouch_detector/weights/scorer.{kind}" for kind in ("onnx", "json", "safetensors")}
     orchestrator = ROOT / "services/orchestrator"
     wanted |= {str(script.relative_to(orchestrator)) for script in orchestrator.glob("*/store/migrations/*/*.sql")}

@@ -28,6 +28,8 @@ OPERATIONS = {
     "get_device": "GET /v1/devices/{name}",
     "send_poses": "POST /v1/devices/{name}/poses",
     "stream_ranges": "GET /v1/devices/{name}/ranges",
+    "get_caller": "GET /v1/caller",
+    "list_services": "GET /v1/services",
     "get_health": "GET /healthz",
     "get_readiness": "GET /readyz",
     "get_metrics": "GET /metrics",

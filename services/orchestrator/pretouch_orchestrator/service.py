@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
 import grpc.aio
 
 from pretouch.channel import open_channel
-from pretouch.errors import PretouchError, Unavailable
 from pretouch.serving import ServiceContext
 from pretouch.v1 import detector_pb2_grpc, registrar_pb2_grpc
 from pretouch.v1 import sensor_gateway_pb2_grpc as gateway_pb2_grpc
 from pretouch.v1.orchestrator_pb2_grpc import add_OrchestratorServiceServicer_to_server
+from pretouch_orchestrator.readiness import Readiness
 from pretouch_orchestrator.rest.app import create_rest_app
 from pretouch_orchestrator.rest.hosts import HostCheck
 from pretouch_orchestrator.rest.server import serve_rest
@@ -25,7 +25,6 @@ from pretouch_orchestrator.sessions.manager import SessionManager
 from pretouch_orchestrator.sessions.upkeep import Limits, Upkeep
 from pretouch_orchestrator.settings import OrchestratorSettings
 from pretouch_orchestrator.store import open_store
-from pretouch_orchestrator.store.protocol import Store
 from pretouch_orchestrator.upstream.addresses import Addresses
 from pretouch_orchestrator.upstream.clients import DetectorClient, GatewayClient, RegistrarClient
 from pretouch_orchestrator.upstream.connection import UpstreamConnection
@@ -70,29 +69,13 @@ async def running(server: grpc.aio.Server, context: ServiceContext) -> AsyncIter
         stack.push_async_callback(sessions.close)
         add_OrchestratorServiceServicer_to_server(OrchestratorServicer(sessions, context), server)
         hosts = HostCheck(settings.rest_host, settings.allowed_hosts)
-        context.readiness = _make_readiness_check(store, upstreams)
-        app = create_rest_app(sessions, context, context.readiness, hosts, devices)
+        readiness = Readiness({"store": store.check} | {upstream.name: upstream.check for upstream in upstreams})
+        context.readiness = readiness
+        app = create_rest_app(sessions, context, readiness, hosts, devices)
         await stack.enter_async_context(serve_rest(app, settings, context))
         for work in (upkeep.run(), _end_streams_when_draining(sessions, context)):
             stack.push_async_callback(_stop, asyncio.create_task(work))
         yield (SERVICE,)
-
-
-def _make_readiness_check(store: Store, upstreams: Sequence[Copies]) -> Callable[[], Awaitable[None]]:
-    async def check() -> None:
-        results = await asyncio.gather(
-            store.check(), *(upstream.check() for upstream in upstreams), return_exceptions=True
-        )
-        failures = [result for result in results if isinstance(result, BaseException)]
-        for failure in failures:
-            if not isinstance(failure, PretouchError):
-                raise failure
-        if failures:
-            raise Unavailable(
-                " ".join(str(failure) for failure in failures), "Start or repair what is named, then check again."
-            )
-
-    return check
 
 
 async def _stop(task: asyncio.Task[None]) -> None:

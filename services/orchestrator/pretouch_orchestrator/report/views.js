@@ -3,14 +3,14 @@
 // with a newer document; the viewpoint and the slider are kept. No dependencies, no eval, no inline styles.
 const SVG = "http://www.w3.org/2000/svg";
 
-function make(name, attributes = {}, text = "") {
+export function make(name, attributes = {}, text = "") {
   const node = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
   if (text) node.textContent = text;
   return node;
 }
 
-function html(name, attributes = {}, ...children) {
+export function html(name, attributes = {}, ...children) {
   const node = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
   node.append(...children);
@@ -247,7 +247,7 @@ function drawAxes(pen, project, width, height, colour) {
 }
 
 // A chart's frame with a y axis in mm from low to high; returns the svg and the two scales.
-function frame(place, low, high, xs, label, description) {
+export function frame(place, low, high, xs, label, description) {
   const W = Math.min(560, Math.max(280, place.clientWidth)), H = 300, L = 48, R = 12, T = 12, B = 44;
   const svg = make("svg", { class: "chart", viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": description });
   const x0 = xs[0].at, x1 = Math.max(xs.at(-1).at, x0 + 1e-9);

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from contextlib import aclosing
 from functools import cache
 from typing import Any
@@ -23,15 +23,18 @@ from pretouch.wire.json import (
     submission_from_json,
     telling_from_json,
 )
+from pretouch_orchestrator.readiness import Readiness
 from pretouch_orchestrator.rest import examples, models, openapi
 from pretouch_orchestrator.rest.admission import AdmissionMiddleware
 from pretouch_orchestrator.rest.body_limit import BodyLimit
+from pretouch_orchestrator.rest.dashboard import add_dashboard_routes
 from pretouch_orchestrator.rest.decoding import hold_creation, read_document
 from pretouch_orchestrator.rest.devices import add_device_routes
-from pretouch_orchestrator.rest.docs_page import render_docs_page
+from pretouch_orchestrator.rest.docs_page import PAGE_POLICY, render_docs_page
 from pretouch_orchestrator.rest.head import HeadAsGet
 from pretouch_orchestrator.rest.hosts import HostCheck
 from pretouch_orchestrator.rest.login import add_login_routes
+from pretouch_orchestrator.rest.overview import add_overview_routes
 from pretouch_orchestrator.rest.parameters import Cursor, IdempotencyKey, LastEventId, Limit, Purge, ScanId, SessionId
 from pretouch_orchestrator.rest.problems import answer_errors_as_problems
 from pretouch_orchestrator.rest.recording import add_recording_route
@@ -53,14 +56,14 @@ _DESCRIPTION = (
 def create_rest_app(
     sessions: SessionManager,
     context: ServiceContext,
-    check: Callable[[], Awaitable[None]],
+    readiness: Readiness,
     hosts: HostCheck | None = None,
     devices: Devices | None = None,
 ) -> FastAPI:
     """The application.
 
     Args:
-        check: raises `Unavailable` while the store or an upstream service is not available.
+        readiness: of the store and the upstream services.
         devices: of the sensor gateway; None where there is none.
         hosts: names by which it may be called; None: those of the loopback interface.
     """
@@ -83,8 +86,10 @@ def create_rest_app(
     add_report_route(app, sessions, context)
     add_recording_route(app, sessions, context)
     add_device_routes(app, devices, context)
-    _add_service_routes(app, context, check)
+    add_overview_routes(app, readiness, token=context.token_check.required)
+    _add_service_routes(app, context, readiness)
     add_login_routes(app, context)
+    add_dashboard_routes(app)
     openapi.install_document(app, token=context.token_check.required)
     return app
 
@@ -241,7 +246,7 @@ async def _stream_events(sessions: SessionManager, owner: str, session_id: str, 
                 yield f"id: {event.id}\nevent: {event.type}\ndata: {json.dumps(event.data)}\n\n"
 
 
-def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[], Awaitable[None]]) -> None:
+def _add_service_routes(app: FastAPI, context: ServiceContext, readiness: Readiness) -> None:
     @app.get(
         "/healthz",
         summary="Is it alive?",
@@ -258,7 +263,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
     )
     async def get_readiness() -> dict[str, Any]:
         """The store is writable, and the upstream services are ready."""
-        await check()
+        await readiness()
         return {"status": "ready"}
 
     @app.get(
@@ -281,7 +286,7 @@ def _add_service_routes(app: FastAPI, context: ServiceContext, check: Callable[[
     )
     async def get_docs() -> Response:
         """Shows the OpenAPI document as a self-contained page."""
-        return HTMLResponse(get_page())
+        return HTMLResponse(get_page(), headers={"Content-Security-Policy": PAGE_POLICY})
 
     @app.get("/openapi.json", include_in_schema=False)
     async def get_document() -> Response:

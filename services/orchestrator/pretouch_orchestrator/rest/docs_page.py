@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import json
+from base64 import b64encode
+from hashlib import sha256
 from html import escape
 from typing import Any
 
 STYLE = """
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 56rem; margin: 2rem auto; padding: 0 1rem; }
+body { overflow-wrap: anywhere; color: #1b1b1f; background: #fff; } a { color: #00528a; }
+@media (prefers-color-scheme: dark) { body { color: #ececf1; background: #16161a; } a { color: #8ecbff; } }
 section { border-top: 1px solid #8886; padding: .5rem 0; }
 code, pre { font: 14px/1.4 ui-monospace, monospace; }
 pre { overflow-x: auto; background: #8881; padding: .75rem; }
 .method { display: inline-block; min-width: 4.5rem; font-weight: bold; }
-td { vertical-align: top; padding: .15rem 1rem .15rem 0; }
+td { vertical-align: top; min-width: 6rem; padding: .15rem 1rem .15rem 0; }
 h2 { font-size: 1.1rem; }
 """
+PAGE_POLICY = (
+    f"default-src 'none'; style-src 'sha256-{b64encode(sha256(STYLE.encode()).digest()).decode('ascii')}'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+"""The content security policy of a page without scripts whose only style is STYLE."""
 
 
 def render_docs_page(document: dict[str, Any]) -> str:

@@ -76,6 +76,7 @@ _CREATED = Session(
     next_scan=_PLAN,
     base_T_object=_REQUEST.base_T_object,
     table=_REQUEST.table,
+    created=1767225600.0,
 )
 _CORRECTION = Pose.from_rotation_vector((0.0, 0.0, 0.02), (0.004, -0.011, 0.002))
 _CONVERGED = replace(
@@ -155,6 +156,10 @@ DEVICE_STATUS: dict[str, Any] = DEVICE | {
     "modules": [{"range": 0.031, "range_status": "good", "status": 0}],
 }
 TIP_POSE: dict[str, Any] = {"t": 1767225600.0, "base_T_tip": SCAN_PLAN["waypoints"][0]["base_T_tip"]}
+SERVICES: list[dict[str, Any]] = [
+    {"name": "store", "ready": True, "problem": None},
+    {"name": "registrar", "ready": False, "problem": "No registrar can be reached. Start one or wait."},
+]
 DOCUMENTS: dict[str, list[dict[str, Any]]] = {
     "SessionRequest": [MINIMAL_REQUEST, COMPLETE_REQUEST],
     "Session": [CREATED, CONVERGED],
@@ -164,6 +169,9 @@ DOCUMENTS: dict[str, list[dict[str, Any]]] = {
     "Submission": list(SUBMISSIONS.values()),
     "Telling": list(TELLINGS.values()),
     "Health": [{"status": "ok"}],
+    "Caller": [{"owner": "cell-3", "role": "full", "token": True}],
+    "ServiceState": SERVICES,
+    "ServiceList": [{"version": "0.1.0", "services": SERVICES}],
     "Device": [DEVICE],
     "DeviceList": [{"devices": [DEVICE]}],
     "DeviceStatus": [DEVICE_STATUS],

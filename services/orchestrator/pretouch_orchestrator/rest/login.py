@@ -13,13 +13,14 @@ from starlette.types import Scope
 
 from pretouch.errors import PretouchError, wire_of
 from pretouch.serving import ServiceContext
-from pretouch_orchestrator.rest.docs_page import STYLE
+from pretouch_orchestrator.rest.docs_page import PAGE_POLICY, STYLE
 
 LOGIN_PATH, LOGOUT_PATH = "/login", "/logout"
 _COOKIE = "pretouch_token"
 _MAX_FORM = 16 * 1024  # bytes
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; frame-ancestors 'none'"
-_HEADERS = {"Cache-Control": "no-store", "Content-Security-Policy": _POLICY}
+_HEADERS = {"Cache-Control": "no-store", "Content-Security-Policy": PAGE_POLICY}
+_HOME = "/"
+"""Where a browser goes that asked for no page in particular."""
 
 
 def get_cookie_authorization(scope: Scope) -> bytes:
@@ -51,18 +52,18 @@ def add_login_routes(app: FastAPI, context: ServiceContext) -> None:
     """Adds the form, what it sends, and the way out."""
 
     @app.get(LOGIN_PATH, include_in_schema=False)
-    async def show_form(next: str = "/docs") -> Response:
+    async def show_form(next: str = _HOME) -> Response:
         return HTMLResponse(_render(next), headers=_HEADERS)
 
     @app.post(LOGIN_PATH, include_in_schema=False)
     async def log_in(request: Request) -> Response:
         form = parse_qs((await _read_form(request)).decode("latin-1"))
-        token, target = form.get("token", [""])[0].strip(), form.get("next", ["/docs"])[0]
+        token, target = form.get("token", [""])[0].strip(), form.get("next", [_HOME])[0]
         authorization = f"Bearer {token}".encode() if token else b""
         if context.token_check.identify(authorization) is None:
             error = context.token_check.refuse(authorization, request.client.host if request.client else "")
             return HTMLResponse(_render(target, error), wire_of(error).http_status, _HEADERS)
-        response = RedirectResponse(target if _is_local(target) else "/docs", 303, {"Cache-Control": "no-store"})
+        response = RedirectResponse(target if _is_local(target) else _HOME, 303, {"Cache-Control": "no-store"})
         secure = request.url.scheme == "https"
         response.set_cookie(_COOKIE, quote(token, safe=""), secure=secure, httponly=True, samesite="strict")
         return response

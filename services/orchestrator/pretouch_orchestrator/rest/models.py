@@ -224,6 +224,29 @@ Submission = Samples | Points | GatewaySpan | Skipped
 Telling = SampleChunk | GatewaySpan
 
 
+class Caller(BaseModel):
+    """Who calls, by the token that the call carries."""
+
+    owner: str = Field(description="Whose sessions the call sees; empty where there is no token, or a single one.")
+    role: Literal["full", "read"] = Field(description="`read`: the call may change nothing.")
+    token: bool = Field(description="Whether calls must carry a token.")
+
+
+class ServiceState(BaseModel):
+    """A part that sessions need."""
+
+    name: str = Field(description="`store`, or the name of a service.")
+    ready: bool = Field(description="Whether it can be used; of a service with copies, whether one of them can.")
+    problem: str | None = Field(description="What is wrong with it, and what to do; null if nothing is.")
+
+
+class ServiceList(BaseModel):
+    """The parts that sessions need."""
+
+    version: str = Field(description="Version of this orchestrator.")
+    services: list[ServiceState] = Field(description="The parts, the store first.")
+
+
 class Health(BaseModel):
     """The service answers."""
 

@@ -26,6 +26,8 @@ _RESPONSE_MODELS = (
     models.ScanProgress,
     models.Problem,
     models.Health,
+    models.Caller,
+    models.ServiceList,
     *device_models.MODELS,
 )
 _CHOICES: dict[str, tuple[Any, str]] = {

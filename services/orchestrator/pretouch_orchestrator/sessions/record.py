@@ -118,4 +118,5 @@ class Record:
             reason=self.reason,
             warnings=self.warnings,
             table=self.scene.table,
+            created=self.created,
         )

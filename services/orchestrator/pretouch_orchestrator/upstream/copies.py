@@ -36,7 +36,7 @@ class Copies:
     """
 
     def __init__(self, name: str, addresses: Addresses, connect: Callable[[str], UpstreamConnection]) -> None:
-        self._name = name
+        self.name = name
         self._addresses = addresses
         self._connect = connect
         self._connections: dict[str, UpstreamConnection] = {}
@@ -86,7 +86,7 @@ class Copies:
                 left = started + deadline - now()
                 if left <= 0:
                     raise DeadlineExceeded(
-                        f"The {self._name} did not answer within {deadline:g} s.",
+                        f"The {self.name} did not answer within {deadline:g} s.",
                         "Repeat the request: nothing was changed. Check that service's load.",
                     )
                 return await copy.call(method, request, left)
@@ -147,7 +147,7 @@ class Copies:
 
     def _leave_out(self, address: str) -> None:
         if address not in self._absent and address in self._connections:
-            _log.warning("a copy cannot be reached", service=self._name, address=address)
+            _log.warning("a copy cannot be reached", service=self.name, address=address)
             self._absent[address] = asyncio.create_task(self._await_return(address))
 
     async def _await_return(self, address: str) -> None:
@@ -156,7 +156,7 @@ class Copies:
             await asyncio.sleep(backoff.next_delay())
             with suppress(Unavailable, KeyError):
                 await self._connections[address].check()
-                _log.info("a copy is back", service=self._name, address=address)
+                _log.info("a copy is back", service=self.name, address=address)
                 break
         del self._absent[address]
 
@@ -174,5 +174,5 @@ class Copies:
 
     def _explain_absence(self) -> Unavailable:
         return Unavailable(
-            f"No {self._name} can be reached.", "Start one or wait, then repeat the request: nothing was changed."
+            f"No {self.name} can be reached.", "Start one or wait, then repeat the request: nothing was changed."
         )
