@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from pretouch.estimate import Prior
+from pretouch.prior import AnyPrior
 from pretouch.tof import Sensor
 from pretouch.v1 import registrar_pb2
 from pretouch.wire import common
 
 
-def settings_to_proto(prior: Prior, sensor: Sensor, engine: str = "") -> registrar_pb2.RegistrationSettings:
+def settings_to_proto(prior: AnyPrior, sensor: Sensor, engine: str = "") -> registrar_pb2.RegistrationSettings:
     """`engine` empty: the registrar's default."""
     return registrar_pb2.RegistrationSettings(
-        engine=engine, prior=common.prior_to_proto(prior), sensor=common.sensor_to_proto(sensor)
+        engine=engine, sensor=common.sensor_to_proto(sensor), **common.prior_to_proto(prior)
     )

@@ -15,6 +15,7 @@ from pretouch_registrar.registration import Registrar, Settings
 from pretouch.client import Reflex
 from pretouch.errors import PretouchError
 from pretouch.geometry import Pose
+from pretouch.prior import AnyPrior
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.evaluation_protocol import Protocol, finger_of, loop_of, request_of
 from pretouch_simulation.evaluation_rows import Detail, Outcome, Row, Run, RunKey
@@ -149,16 +150,27 @@ def _run_or_reuse_steps(
     return [_rematch(step, protocol, registrar) for step in led[protocol.sensor]]
 
 
-async def open_session(case: Case, protocol: Protocol, loop: Loop, finger: Finger) -> Record:
+async def open_session(
+    case: Case, protocol: Protocol, loop: Loop, finger: Finger, prior: AnyPrior | None = None
+) -> Record:
     """The session on `case` before its first scan; raises `PretouchError` where the services refuse it."""
-    request = replace(request_of(case, protocol), sensor=finger.sensor)
+    request = replace(request_of(case, protocol), sensor=finger.sensor, prior=prior)
     return await loop.open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
 
 
 async def run_session(
-    case: Case, protocol: Protocol, registrar: Registrar, upto: int | None = None, finger: Finger | None = None
+    case: Case,
+    protocol: Protocol,
+    registrar: Registrar,
+    upto: int | None = None,
+    finger: Finger | None = None,
+    prior: AnyPrior | None = None,
 ) -> list[Step]:
-    """Runs a session on `case`; its states after each of up to `upto` scans. `finger` replaces the protocol's own.
+    """Runs a session on `case`; its states after each of up to `upto` scans.
+
+    Args:
+        finger: replaces the protocol's own.
+        prior: what the session is told of the calibration error; None: nothing.
 
     Raises:
         PretouchError: the services refuse it.
@@ -167,7 +179,7 @@ async def run_session(
     finger = finger or finger_of(case, protocol)
     most = protocol.scans if upto is None else min(upto, protocol.scans)
     started = time.perf_counter()
-    record = await open_session(case, protocol, loop, finger)
+    record = await open_session(case, protocol, loop, finger, prior)
     opening = time.perf_counter() - started
     steps = list[Step]()
     while record.next_scan is not None and len(steps) < most:
@@ -189,7 +201,7 @@ def _rematch(step: Step, protocol: Protocol, registrar: Registrar) -> Step:
     if protocol.leader in (None, protocol.engine):
         return step
     record = step.record
-    settings = Settings(protocol.engine, record.request.prior, record.request.sensor)
+    settings = Settings(protocol.engine, record.prior, record.request.sensor)
     started = time.perf_counter()
     estimate = registrar.register(record.scene, record.measured, settings)
     return Step(replace(record, estimate=estimate), time.perf_counter() - started)

@@ -16,8 +16,9 @@ from pretouch_orchestrator.sessions.record import Record
 
 from helpers.scenes import Box, View, World
 from pretouch.errors import Unavailable
-from pretouch.estimate import Estimate, Prior, from_prior, point_error
+from pretouch.estimate import Estimate, from_prior, point_error
 from pretouch.geometry import Plane, Pose
+from pretouch.prior import AnyPrior
 from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
@@ -66,14 +67,14 @@ class FormulaRegistrar:
         self.sensor_problem = sensor_problem
         self.down = False
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+    async def register(self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> Estimate:
         if self.down:
             raise Unavailable("The registrar is away.", "Wait.")
         returns = sum(int(scan.returned.sum()) for scan in scans)
         if returns == 0:
             estimate = from_prior(prior, scene.cloud)
             return replace(estimate, fit=self.fit, sensor_problem=self.sensor_problem) if scans else estimate
-        covariance = prior.covariance() / (1 + self.gain * returns) ** 2
+        covariance = prior.covariance / (1 + self.gain * returns) ** 2
         about = Pose.of(CORRECTION.rotation, CORRECTION.translation)
         expected, quantile = point_error(covariance, about.apply(scene.cloud), about.apply(scene.centroid))
         return Estimate(
@@ -88,7 +89,7 @@ class FormulaRegistrar:
         )
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, candidates: Sequence[Candidate]
     ) -> list[list[Prediction]]:
         present = (await self.register(scene, scans, prior, sensor)).expected_error
         return [

@@ -14,7 +14,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from pretouch import __version__
-from pretouch.estimate import Prior
+from pretouch.prior import Prior
 from pretouch.recording.session_file import SessionRecording, read_session_recording
 from pretouch.results import STANDARD_OUTPUT, check_file, write_json
 from pretouch.session_command.options import Json, open_console
