@@ -26,6 +26,7 @@ from pretouch.wire.json import (
 from pretouch_orchestrator.rest import examples, models, openapi
 from pretouch_orchestrator.rest.admission import AdmissionMiddleware
 from pretouch_orchestrator.rest.body_limit import BodyLimit
+from pretouch_orchestrator.rest.cameras import add_camera_routes
 from pretouch_orchestrator.rest.decoding import hold_creation, read_document
 from pretouch_orchestrator.rest.devices import add_device_routes
 from pretouch_orchestrator.rest.docs_page import render_docs_page
@@ -80,6 +81,7 @@ def create_rest_app(
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
     add_report_route(app, sessions, context)
+    add_camera_routes(app, sessions.cameras)
     add_device_routes(app, devices, context)
     _add_service_routes(app, context, check)
     add_login_routes(app, context)
@@ -219,7 +221,10 @@ def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
         session_id: SessionId,
         last_event_id: LastEventId = "",
     ) -> Response:
-        """Streams the events `session`, `scan`, `estimate` and `end`, from the session's start to its end."""
+        """Streams the events `session`, `scan`, `estimate`, `camera` and `end`, from the session's start to its end.
+
+        `camera`, before the `end` of a session that named one: whether the session counts, and whether the camera moved.
+        """
         if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
             raise Malformed(f"Last-Event-ID is {last_event_id!r:.80}.", "Send the id of an event of this session.")
         await sessions.get(current_caller().owner, session_id)

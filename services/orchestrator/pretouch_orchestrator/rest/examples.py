@@ -57,6 +57,7 @@ _REQUEST = SessionRequest(
     roi=(200, 120, 440, 360),
     table=Plane(np.array([0.0, 0.0, 1.0]), 0.0),
     base_T_object=_OBJECT,
+    camera_id="head",
 )
 _PLAN = ScanPlan(
     "scan-1",

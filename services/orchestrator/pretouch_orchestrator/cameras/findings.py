@@ -1,0 +1,174 @@
+"""What a session's end says about its camera, and what is said about the camera: pure functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from pretouch.calibrated_camera import (
+    CalibratedCamera,
+    CalibrationDrift,
+    CalibrationResidual,
+    CameraSession,
+    LeftOutSession,
+)
+from pretouch.errors import TYPE_PREFIX, InvalidInput
+from pretouch.estimate import from_prior
+from pretouch.exhaustion import Exhaustion
+from pretouch.geometry import Array, Pose
+from pretouch.prior import AnyPrior
+from pretouch.session import State
+from pretouch.session_warning import SessionWarning
+from pretouch_orchestrator.calibration import Calibration, Observation
+from pretouch_orchestrator.sessions.record import Record
+from pretouch_orchestrator.store.camera_sql import CANCELLED
+from pretouch_orchestrator.store.protocol import MAX_CAMERAS, CameraEntry, CameraMemory
+
+_HONEST = {Exhaustion.SCANS, Exhaustion.SECONDS, Exhaustion.FRACTION, Exhaustion.NOTHING_TO_GAIN}
+"""Why a session may end whose estimate is to be believed all the same."""
+_DISHONEST = {
+    Exhaustion.MISFIT: "Its samples fit no pose.",
+    Exhaustion.SENSOR: "Its samples are no measurements.",
+    Exhaustion.OUT_OF_RANGE: "The finger met nothing within its range.",
+}
+_STEP = 1e-3
+"""s from one session's end to the next one's, at least: a clock that was put back does not change their order."""
+_KNOCKED = "Check that the camera is fixed to its mount and that base_T_camera is up to date."
+
+
+def find_reason(record: Record) -> str:
+    """Why an ended session does not count, in one sentence; empty if it counts."""
+    if record.state is State.CANCELLED:
+        return CANCELLED
+    if record.state is State.FAILED:
+        return "It failed."
+    if not record.scans:
+        return "It made no scan."
+    if record.state is State.EXHAUSTED:
+        cause = str((record.reason or {}).get("type", "")).removeprefix(TYPE_PREFIX)
+        if cause not in _HONEST:
+            return _DISHONEST.get(Exhaustion(cause), "It failed.") if cause in list(Exhaustion) else "It failed."
+    return "" if record.estimate.samples else "None of its samples returned a range."
+
+
+def observe(record: Record, at: float) -> CameraEntry:
+    """What an ended session found of its camera, at `at`, s since the Unix epoch.
+
+    Raises:
+        InvalidInput: its covariance is none.
+    """
+    if reason := find_reason(record):
+        return CameraEntry(record.id, at, reason)
+    estimate, prior, cloud = record.estimate, record.prior, record.scene.cloud
+    moved = np.linalg.norm(estimate.base_T_correction.apply(cloud) - cloud, axis=1)
+    return CameraEntry(
+        record.id,
+        at,
+        observation=Observation(
+            session_id=record.id,
+            at=at,
+            base_T_camera=record.request.base_T_camera,
+            base_T_correction=estimate.base_T_correction,
+            centroid=estimate.centroid,
+            covariance=estimate.covariance,
+            prior_mean=prior.mean,
+            prior_covariance=prior.covariance,
+        ),
+        error=float(moved.mean()),
+        expected_error=from_prior(prior, cloud).expected_error,
+    )
+
+
+def list_observations(entries: Sequence[CameraEntry]) -> list[Observation]:
+    """What the entries observed, in their order: each is of a later time than the one before, whatever clocks said."""
+    observations: list[Observation] = []
+    for entry in entries:
+        if entry.observation is not None:
+            earliest = observations[-1].at + _STEP if observations else entry.at
+            observations.append(replace(entry.observation, at=max(entry.at, earliest)))
+    return observations
+
+
+def predict_prior(calibration: Calibration, base_T_camera: Pose, centroid: Array) -> AnyPrior | None:
+    """What the camera's earlier sessions say of its error at an object; None where they say nothing that can be used.
+
+    Args:
+        base_T_camera: as the client believes it.
+        centroid: (3,), m, mean of the object's cloud in base.
+    """
+    try:
+        prior = calibration.predict(base_T_camera, centroid)
+        if prior is not None:
+            prior.check_mean(centroid)
+    except InvalidInput:  # so far away, or so uncertain, that it is no prior
+        return None
+    return prior
+
+
+def read_drift(calibration: Calibration) -> CalibrationDrift:
+    return CalibrationDrift(str(calibration.drift.state), calibration.drift.since)
+
+
+def warn_of_drift(camera_id: str, drift: CalibrationDrift) -> list[SessionWarning]:
+    """That the camera is not where it was, or may not be; nothing if it is steady."""
+    if drift.state == "moved":
+        detail = (
+            f"From session {drift.since} on the camera {camera_id} is not where the sessions before found it: it was "
+            "knocked or mounted anew. What they taught is not used."
+        )
+        remedy = f"{_KNOCKED} If it was moved on purpose, nothing need be done: the next sessions learn it anew."
+        return [SessionWarning("camera-moved", detail, remedy)]
+    if drift.state == "suspected":
+        detail = (
+            f"Session {drift.since} found the camera {camera_id} elsewhere than the sessions before. If another one "
+            "agrees with it, the camera has moved."
+        )
+        return [SessionWarning("camera-suspected", detail, _KNOCKED)]
+    return []
+
+
+def warn_of_room() -> SessionWarning:
+    """That a camera is not remembered, since there are too many."""
+    return SessionWarning(
+        "cameras-full",
+        f"{MAX_CAMERAS} other cameras are remembered already; nothing is learned of this one.",
+        "Give the same camera the same camera.id in every session, and forget cameras that are gone with DELETE "
+        "/v1/cameras/{id}.",
+    )
+
+
+def describe_event(camera_id: str, entry: CameraEntry, drift: CalibrationDrift) -> dict[str, Any]:
+    """The data of the event `camera`: whether the session counts, if not why, and what is known of the camera now."""
+    warnings = [asdict(warning) for warning in warn_of_drift(camera_id, drift)]
+    why = {"reason": entry.reason} if entry.reason else {}
+    return {"id": camera_id, "counts": not entry.reason, **why, "drift": asdict(drift), "warnings": warnings}
+
+
+def describe_camera(camera_id: str, memory: CameraMemory, calibration: Calibration) -> CalibratedCamera:
+    """What is known of a camera, given the calibration from what is kept of it."""
+    at_camera = predict_prior(calibration, memory.base_T_camera, memory.base_T_camera.translation)
+    times = {entry.session_id: entry.at for entry in memory.counted}
+    rejected = [
+        LeftOutSession(session_id, times[session_id], reason)
+        for session_id, reason in calibration.rejected.items()
+        if session_id in times
+    ]
+    left_out = [LeftOutSession(entry.session_id, entry.at, entry.reason) for entry in memory.left_out]
+    return CalibratedCamera(
+        id=camera_id,
+        sessions=memory.sessions,
+        base_T_camera=calibration.correct(memory.base_T_camera),
+        base_T_camera_covariance=None if at_camera is None else at_camera.covariance,
+        camera_T_camera=calibration.camera_T_camera,
+        base_T_base=calibration.base_T_base,
+        covariance=calibration.covariance,
+        residual=CalibrationResidual(calibration.residual_translation_std, calibration.residual_rotation_std),
+        drift=read_drift(calibration),
+        history=tuple(
+            CameraSession(entry.session_id, entry.at, entry.error, entry.expected_error) for entry in memory.counted
+        ),
+        left_out=tuple(sorted([*left_out, *rejected], key=lambda each: each.at)),
+    )
