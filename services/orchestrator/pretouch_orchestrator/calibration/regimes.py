@@ -1,0 +1,192 @@
+"""A filter over the sessions of a camera that may have been knocked at any time between two of them.
+
+Bayesian online changepoint detection (Adams & MacKay 2007, arXiv:0710.3742): a regime for each session with which the
+present state of the camera may have begun; in it, for each pair of residual standard deviations on a grid, a Kalman
+filter of both sides' errors. A session's noise is a mixture: its stated covariance at several scales, and that of a
+wrong session; after each session the mixture is collapsed to its mean and covariance (as in Gaussian sum filters).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from pretouch.geometry import Array, Pose, vector_from_rotation
+from pretouch_orchestrator.calibration import assumptions
+
+_MAX_REGIMES = 6
+_MIN_WEIGHT = 1e-6
+
+_ROTATIONS, _TRANSLATIONS = (
+    grid.ravel() for grid in np.meshgrid(assumptions.ROTATION_STDS, assumptions.TRANSLATION_STDS, indexing="ij")
+)
+_GRID_WEIGHTS = np.log(np.outer(assumptions.ROTATION_WEIGHTS, assumptions.TRANSLATION_WEIGHTS).ravel())
+_CLASS_WEIGHTS = np.log(np.append(assumptions.NOISE_WEIGHTS, assumptions.WRONG_WEIGHT))
+_WALK = np.diag(np.tile([assumptions.WALK_ROTATION**2] * 3 + [assumptions.WALK_TRANSLATION**2] * 3, 2))
+
+
+class Reading(NamedTuple):
+    """A session's evidence about changes of both sides, linear around some values of them.
+
+    Attributes:
+        base_T_camera: the declared pose.
+        jacobian: (k, 12).
+        values: (k,), the observed ones less those expected without any change.
+        variances: (k,), of the session's own errors.
+        rows: (k, 6), how errors of the correction act on the values.
+    """
+
+    base_T_camera: Pose
+    jacobian: Array
+    values: Array
+    variances: Array
+    rows: Array
+
+
+@dataclass
+class _Regime:
+    """Attributes: weights (g,), logarithms; means (g, 12); covariances (g, 12, 12); right: by reading since `start`,
+    the probability that its session is not simply wrong."""
+
+    start: int
+    weights: Array
+    means: Array
+    covariances: Array
+    pose: Pose
+    fixed: bool = True
+    right: list[float] = field(default_factory=list)
+
+    def weight(self) -> float:
+        return float(np.logaddexp.reduce(self.weights))
+
+
+class Regime(NamedTuple):
+    """A possible beginning of the camera's present state.
+
+    Attributes:
+        start: number of the reading with which it began.
+        probability: of this beginning.
+        mean, covariance: (12,), (12, 12), of the changes of both sides at the next session.
+        rotation_variance, translation_variance: of what differs from session to session, rad^2, m^2.
+        right: by reading since `start`, the probability that its session is not simply wrong.
+        pose: the declared pose of all its readings, None if there are several.
+    """
+
+    start: int
+    probability: float
+    mean: Array
+    covariance: Array
+    rotation_variance: float
+    translation_variance: float
+    right: tuple[float, ...]
+    pose: Pose | None
+
+
+def is_same_place(a: Pose, b: Pose) -> bool:
+    """Whether two declared poses are the same but for joint noise."""
+    moved = float(np.linalg.norm(a.translation - b.translation))
+    turned = float(np.linalg.norm(vector_from_rotation(a.rotation.T @ b.rotation)))
+    return moved <= assumptions.SAME_POSITION and turned <= assumptions.SAME_ROTATION
+
+
+def filter_regimes(readings: list[Reading], mean: Array, covariance: Array) -> list[Regime]:
+    """The possible beginnings of the present state, the most probable first.
+
+    Args:
+        readings: of the sessions, in order; at least one.
+        mean: (12,), prior of the changes of both sides.
+        covariance: (12, 12), its.
+    """
+    regimes: list[_Regime] = []
+    for k, reading in enumerate(readings):
+        born = _branch(regimes, reading)
+        weights = born + _GRID_WEIGHTS
+        size = len(weights)
+        regimes.append(
+            _Regime(k, weights, np.tile(mean, (size, 1)), np.tile(covariance, (size, 1, 1)), reading.base_T_camera)
+        )
+        _update(regimes, reading)
+        regimes = _prune(regimes)
+    return [_summarise(regime) for regime in regimes]
+
+
+def _branch(regimes: list[_Regime], reading: Reading) -> float:
+    """The log weight of a regime that begins with this reading; takes it from those that it would end."""
+    if not regimes:
+        return 0.0
+    born = []
+    for regime in regimes:
+        same = is_same_place(regime.pose, reading.base_T_camera)
+        chance = assumptions.KNOCK
+        if regime.fixed and not same and len(regime.right) >= assumptions.FIXED_SESSIONS:
+            chance = assumptions.REDECLARED
+        elif len(regime.right) == 1:  # a regime of one wrong session: what follows is the first one's right beginning
+            chance = assumptions.KNOCK + assumptions.WRONG_WEIGHT
+        born.append(regime.weight() + np.log(chance))
+        regime.weights = regime.weights + np.log1p(-chance)
+        regime.fixed = regime.fixed and same
+    return float(np.logaddexp.reduce(born))
+
+
+def _update(regimes: list[_Regime], reading: Reading) -> None:
+    means = np.stack([regime.means for regime in regimes])
+    covariances = np.stack([regime.covariances for regime in regimes])
+    across = covariances @ reading.jacobian.T
+    of_rotation, of_translation = (rows @ rows.T for rows in (reading.rows[:, :3], reading.rows[:, 3:]))
+    residual = _ROTATIONS[:, None, None] ** 2 * of_rotation + _TRANSLATIONS[:, None, None] ** 2 * of_translation
+    wrong = assumptions.WRONG.rotation_std**2 * of_rotation + assumptions.WRONG.translation_std**2 * of_translation
+    own = np.diag(reading.variances)
+    noise = np.concatenate([assumptions.NOISE_SCALES[:, None, None] ** 2 * own, (own + wrong)[None]])
+    innovation = reading.values - means @ reading.jacobian.T
+    information = np.linalg.inv((reading.jacobian @ across + residual)[:, :, None] + noise)
+    pulls = (information @ innovation[:, :, None, :, None])[..., 0]
+    fits = np.linalg.slogdet(information)[1] - (pulls * innovation[:, :, None]).sum(axis=-1)
+    scores = 0.5 * fits + _CLASS_WEIGHTS
+    first = [k for k, regime in enumerate(regimes) if not regime.right]
+    scores[first, :, -1] = -np.inf  # that the first one is wrong is the regime that begins with the next
+    totals = np.logaddexp.reduce(scores, axis=-1)
+    shares = np.exp(scores - totals[..., None])
+    pull = np.einsum("rgc,rgck->rgk", shares, pulls)
+    spread = np.einsum("rgc,rgck,rgcl->rgkl", shares, pulls, pulls) - pull[..., :, None] * pull[..., None, :]
+    less = np.einsum("rgc,rgckl->rgkl", shares, information) - spread
+    means = means + (across @ pull[..., None])[..., 0]
+    covariances = covariances - across @ less @ np.swapaxes(across, -1, -2) + _WALK
+    for k, regime in enumerate(regimes):
+        regime.weights = regime.weights + totals[k]
+        regime.means, regime.covariances = means[k], covariances[k]
+        grid = np.exp(regime.weights - regime.weight())
+        regime.right.append(float(grid @ (1.0 - shares[k, :, -1])))
+
+
+def _prune(regimes: list[_Regime]) -> list[_Regime]:
+    ordered = sorted(regimes, key=_Regime.weight, reverse=True)
+    total = np.logaddexp.reduce([regime.weight() for regime in ordered])
+    for regime in ordered:
+        regime.weights = regime.weights - total
+    return [regime for regime in ordered[:_MAX_REGIMES] if regime.weight() > np.log(_MIN_WEIGHT)]
+
+
+def _summarise(regime: _Regime) -> Regime:
+    grid = np.exp(regime.weights - regime.weight())
+    mean, covariance = mix(grid, regime.means, regime.covariances)
+    return Regime(
+        start=regime.start,
+        probability=float(np.exp(regime.weight())),
+        mean=mean,
+        covariance=covariance,
+        rotation_variance=float(grid @ _ROTATIONS**2),
+        translation_variance=float(grid @ _TRANSLATIONS**2),
+        right=tuple(regime.right),
+        pose=regime.pose if regime.fixed else None,
+    )
+
+
+def mix(weights: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
+    """Mean (d,) and covariance (d, d) of a mixture of normal distributions (n, d), (n, d, d)."""
+    weights = weights / weights.sum()
+    mean = weights @ means
+    off = means - mean
+    covariance = np.einsum("n,nij->ij", weights, covariances) + (weights[:, None] * off).T @ off
+    return mean, 0.5 * (covariance + covariance.T)
