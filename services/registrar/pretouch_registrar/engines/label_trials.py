@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput
-from pretouch.estimate import Prior
 from pretouch.geometry import Array, frozen_array, rotations_from_vectors
+from pretouch.prior import Prior
 from pretouch_registrar.engines import icp, pcl, point_to_plane, so3
 from pretouch_registrar.engines.neighbours import Index, build_index
 from pretouch_registrar.engines.perimeter import enclose_blocks, find_in_blocks, find_near_perimeter, sort_by_tile

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.tof import Scan, Sensor
 from pretouch_registrar.engines.beam_response import Cone, make_cone, make_thin_beam
 from pretouch_registrar.engines.camera_model import CameraModel, Footprint, Pixels
