@@ -26,7 +26,7 @@ def check_camera_id(id: str) -> str:
 
 @dataclass(frozen=True)
 class CalibrationResidual:
-    """By how much the calibration error differs from session to session.
+    """The part of the calibration error that is another one in each session.
 
     Attributes:
         translation_std: standard deviation of the translation along each axis, in metres.
@@ -39,7 +39,7 @@ class CalibrationResidual:
 
 @dataclass(frozen=True)
 class CalibrationDrift:
-    """Whether the calibration error is still the one that was learned.
+    """Whether a camera is still where it was.
 
     Attributes:
         state: "steady", "suspected" where the last session contradicts those before, or "moved" where the camera was

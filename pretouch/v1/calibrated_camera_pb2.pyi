@@ -25,7 +25,7 @@ DESCRIPTOR: _descriptor.FileDescriptor
 
 @_typing.final
 class CalibrationResidual(_message.Message):
-    """By how much the calibration error differs from session to session."""
+    """The part of the calibration error that is another one in each session."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -51,7 +51,7 @@ Global___CalibrationResidual: _TypeAlias = CalibrationResidual  # noqa: Y015
 
 @_typing.final
 class CalibrationDrift(_message.Message):
-    """Whether the calibration error is still the one that was learned."""
+    """Whether a camera is still where it was."""
 
     DESCRIPTOR: _descriptor.Descriptor
 

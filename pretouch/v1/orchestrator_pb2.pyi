@@ -1063,7 +1063,7 @@ class CancelSessionRequest(_message.Message):
     session_id: _builtins.str
     """Name of the session."""
     purge: _builtins.bool
-    """Whether the session is also removed, with all that is stored of it."""
+    """Whether the session is also removed, with all that is stored of it but what its camera has learned."""
     def __init__(
         self,
         *,

@@ -22,7 +22,7 @@ from pretouch.geometry import Array, Pose
 from pretouch.prior import AnyPrior
 from pretouch.session import State
 from pretouch.session_warning import SessionWarning
-from pretouch_orchestrator.calibration import Calibration, Observation
+from pretouch_orchestrator.calibration import Calibration, Observation, assumptions
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.camera_sql import CANCELLED
 from pretouch_orchestrator.store.protocol import MAX_CAMERAS, CameraEntry, CameraMemory
@@ -34,6 +34,8 @@ _DISHONEST = {
     Exhaustion.SENSOR: "Its samples are no measurements.",
     Exhaustion.OUT_OF_RANGE: "The finger met nothing within its range.",
 }
+_UNKNOWN = np.kron(np.eye(2), assumptions.SIDE.covariance)
+"""Covariance of both sides of a camera of which nothing is known."""
 _STEP = 1e-3
 """s from one session's end to the next one's, at least: a clock that was put back does not change their order."""
 _KNOCKED = "Check that the camera is fixed to its mount and that base_T_camera is up to date."
@@ -164,7 +166,7 @@ def describe_camera(camera_id: str, memory: CameraMemory, calibration: Calibrati
         base_T_camera_covariance=None if at_camera is None else at_camera.covariance,
         camera_T_camera=calibration.camera_T_camera,
         base_T_base=calibration.base_T_base,
-        covariance=calibration.covariance,
+        covariance=calibration.covariance if calibration.count else _UNKNOWN,
         residual=CalibrationResidual(calibration.residual_translation_std, calibration.residual_rotation_std),
         drift=read_drift(calibration),
         history=tuple(

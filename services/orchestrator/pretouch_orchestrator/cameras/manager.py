@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from pretouch.calibrated_camera import CalibratedCamera, CalibrationDrift, CameraSummary
 from pretouch.errors import PretouchError
-from pretouch.geometry import Array, Pose
-from pretouch.prior import AnyPrior
 from pretouch.serving import ServiceContext
 from pretouch.session_warning import SessionWarning
 from pretouch_orchestrator.calibration import Calibration, estimate_calibration
@@ -23,6 +21,7 @@ from pretouch_orchestrator.cameras.findings import (
     warn_of_drift,
     warn_of_room,
 )
+from pretouch_orchestrator.sessions.loop import PredictPrior
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.camera_sql import unknown_camera
 from pretouch_orchestrator.store.protocol import (
@@ -36,8 +35,6 @@ from pretouch_orchestrator.store.protocol import (
     Store,
 )
 
-PredictPrior = Callable[[Pose, Array], AnyPrior | None]
-"""The prior of an object's correction, given the believed base_T_camera and the object's centroid (3,), m, in base."""
 _NOT_EVALUATED = "It could not be evaluated."
 
 
@@ -90,9 +87,7 @@ class Cameras:
             return Knowledge(warnings=warnings)
         return Knowledge(lambda base_T_camera, c: predict_prior(calibration, base_T_camera, c), warnings)
 
-    async def create(
-        self, owner: str, record: Record, events: Sequence[NewEvent], key: KeyedRequest | None
-    ) -> Record:
+    async def create(self, owner: str, record: Record, events: Sequence[NewEvent], key: KeyedRequest | None) -> Record:
         """Stores a new session: see `Store.create`."""
         camera_id = record.request.camera_id
         if camera_id is None or not record.state.ended:
@@ -104,10 +99,8 @@ class Cameras:
         self._count(record, update.entry)
         return stored
 
-    async def update(
-        self, owner: str, before: Record, after: Record, events: Sequence[NewEvent], lease: str
-    ) -> Record:
-        """Stores a step of a session: see `Store.update`; where the step ends it, also what it teaches of its camera."""
+    async def update(self, owner: str, before: Record, after: Record, events: Sequence[NewEvent], lease: str) -> Record:
+        """Stores a step of a session, and, where it ends, what it teaches of its camera: see `Store.update`."""
         camera_id = after.request.camera_id
         if camera_id is None or before.state.ended or not after.state.ended:
             return await self._store.update(before, after, events, lease)
@@ -175,9 +168,7 @@ def _describe(camera_id: str, memory: CameraMemory) -> CalibratedCamera:
     return describe_camera(camera_id, memory, estimate_calibration(list_observations(memory.counted)))
 
 
-def _tell(
-    events: Sequence[NewEvent], camera_id: str, entry: CameraEntry, drift: CalibrationDrift
-) -> list[NewEvent]:
+def _tell(events: Sequence[NewEvent], camera_id: str, entry: CameraEntry, drift: CalibrationDrift) -> list[NewEvent]:
     """The events of a step that ends a session, with the camera's before the `end`."""
     told = NewEvent("camera", describe_event(camera_id, entry, drift))
     return [*(event for event in events if event.type != "end"), told, *(e for e in events if e.type == "end")]

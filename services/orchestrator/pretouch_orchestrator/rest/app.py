@@ -81,7 +81,7 @@ def create_rest_app(
     _add_session_routes(app, sessions, context)
     _add_event_route(app, sessions)
     add_report_route(app, sessions, context)
-    add_camera_routes(app, sessions.cameras)
+    add_camera_routes(app, sessions)
     add_device_routes(app, devices, context)
     _add_service_routes(app, context, check)
     add_login_routes(app, context)
@@ -223,7 +223,7 @@ def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
     ) -> Response:
         """Streams the events `session`, `scan`, `estimate`, `camera` and `end`, from the session's start to its end.
 
-        `camera`, before the `end` of a session that named one: whether the session counts, and whether the camera moved.
+        `camera` comes before the `end` of a session that named one: whether the session counts, whether it has moved.
         """
         if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
             raise Malformed(f"Last-Event-ID is {last_event_id!r:.80}.", "Send the id of an event of this session.")

@@ -22,9 +22,7 @@ CalibrationDrift = derive_model(
 CameraSession = derive_model(calibrated_camera.CameraSession, BaseModel)
 LeftOutSession = derive_model(calibrated_camera.LeftOutSession, BaseModel)
 CameraSummary = derive_model(calibrated_camera.CameraSummary, BaseModel)
-CalibratedCamera = derive_model(
-    calibrated_camera.CalibratedCamera, BaseModel, base_T_camera_covariance=_Matrix6 | None
-)
+CalibratedCamera = derive_model(calibrated_camera.CalibratedCamera, BaseModel, base_T_camera_covariance=_Matrix6 | None)
 
 
 class CameraList(BaseModel):

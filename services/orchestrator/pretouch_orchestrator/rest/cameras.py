@@ -10,11 +10,11 @@ from fastapi.responses import JSONResponse, PlainTextResponse, Response
 from pretouch.camera_export import ExportFormat, export_camera
 from pretouch.serving.caller import current_caller
 from pretouch.wire.json import camera_list_to_json, camera_to_json
-from pretouch_orchestrator.cameras.manager import Cameras
 from pretouch_orchestrator.rest import camera_models as models
 from pretouch_orchestrator.rest import openapi
 from pretouch_orchestrator.rest.camera_examples import EXPORTS
 from pretouch_orchestrator.rest.parameters import CameraFormat, CameraId
+from pretouch_orchestrator.sessions.manager import SessionManager
 
 _MEDIA_TYPES = {
     ExportFormat.JSON: "application/json",
@@ -23,7 +23,8 @@ _MEDIA_TYPES = {
 }
 
 
-def add_camera_routes(app: FastAPI, cameras: Cameras) -> None:
+def add_camera_routes(app: FastAPI, sessions: SessionManager) -> None:
+    """Adds the routes to `app`."""
     contents = {
         "application/json": {"schema": {"type": "object"}, "example": json.loads(EXPORTS[ExportFormat.JSON])},
         "application/yaml": {"schema": {"type": "string"}, "example": EXPORTS[ExportFormat.YAML]},
@@ -40,7 +41,7 @@ def add_camera_routes(app: FastAPI, cameras: Cameras) -> None:
     )
     async def list_cameras() -> Response:
         """Lists the cameras that sessions have named by `camera.id`, and whether each is where it was."""
-        return JSONResponse(camera_list_to_json(await cameras.list(current_caller().owner)))
+        return JSONResponse(camera_list_to_json(await sessions.cameras.list(current_caller().owner)))
 
     @app.get(
         "/v1/cameras/{camera_id}",
@@ -51,7 +52,7 @@ def add_camera_routes(app: FastAPI, cameras: Cameras) -> None:
     )
     async def get_camera(camera_id: CameraId) -> Response:
         """Returns what is known of a camera: its calibration error, whether it has moved, and its sessions."""
-        return JSONResponse(camera_to_json(await cameras.get(current_caller().owner, camera_id)))
+        return JSONResponse(camera_to_json(await sessions.cameras.get(current_caller().owner, camera_id)))
 
     @app.delete(
         "/v1/cameras/{camera_id}",
@@ -61,7 +62,7 @@ def add_camera_routes(app: FastAPI, cameras: Cameras) -> None:
     )
     async def forget_camera(camera_id: CameraId) -> Response:
         """Forgets all that was learned of a camera; its sessions stay, and those under way teach nothing."""
-        await cameras.forget(current_caller().owner, camera_id)
+        await sessions.cameras.forget(current_caller().owner, camera_id)
         return Response(status_code=204)
 
     @app.get(
@@ -69,7 +70,7 @@ def add_camera_routes(app: FastAPI, cameras: Cameras) -> None:
         summary="Export a camera's pose",
         responses=openapi.describe_responses(200, exported, *(401, 404, 409, 422, 429, 503)),
     )
-    async def export(camera_id: CameraId, format: CameraFormat = ExportFormat.JSON) -> Response:
+    async def export_pose(camera_id: CameraId, format: CameraFormat = ExportFormat.JSON) -> Response:
         """Returns the camera's corrected pose in base with its covariance, for the robot's own configuration."""
-        camera = await cameras.get(current_caller().owner, camera_id)
+        camera = await sessions.cameras.get(current_caller().owner, camera_id)
         return PlainTextResponse(export_camera(camera, format), media_type=_MEDIA_TYPES[format])

@@ -41,4 +41,10 @@ Cursor = Annotated[
 ReportFormat = Annotated[
     Literal["html", "json"], Query(description="`html`: a page that needs nothing else; `json`: what it shows.")
 ]
-Purge = Annotated[bool, Query(description="Whether the session is also removed, with all that is stored of it but what its camera has learned.")]
+Purge = Annotated[
+    bool,
+    Query(
+        description="Whether the session is also removed, with all that is stored of it but what its camera "
+        "has learned."
+    ),
+]

@@ -16,9 +16,7 @@ from pretouch_orchestrator.store.protocol import CameraEntry, CameraMemory, Came
 def entry_columns(update: CameraUpdate) -> EntryColumns:
     entry, drift = update.entry, update.drift
     message = b"" if entry.observation is None else _pack(entry.observation, entry).SerializeToString()
-    return EntryColumns(
-        entry.session_id, entry.at, entry.reason, message, drift.state, drift.since or "", update.last
-    )
+    return EntryColumns(entry.session_id, entry.at, entry.reason, message, drift.state, drift.since or "", update.last)
 
 
 def memory_from_columns(columns: CameraColumns) -> CameraMemory:

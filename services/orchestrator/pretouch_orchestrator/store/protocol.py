@@ -17,7 +17,7 @@ from pretouch_orchestrator.store.changes import Changes
 
 @dataclass(frozen=True)
 class NewEvent:
-    """An event of a session without its id: `type` is "session", "scan", "estimate", "camera" or "end"; `data` is JSON."""
+    """An event of a session without its id: `type` is "session", "scan", "estimate", "camera" or "end"; `data` JSON."""
 
     type: str
     data: dict[str, Any]
