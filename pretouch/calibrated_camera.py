@@ -84,18 +84,24 @@ class LeftOutSession:
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CameraSummary:
     """A camera in the list of all.
 
     Attributes:
         id: name of the camera.
         sessions: number of sessions that counted.
+        camera_T_camera: the part of the calibration error on the camera's side.
+        base_T_base: the part of the calibration error on the base's side.
+        residual: by how much the calibration error differs from session to session.
         drift: whether the calibration error is still the one that was learned.
     """
 
     id: str
     sessions: int
+    camera_T_camera: Pose
+    base_T_base: Pose
+    residual: CalibrationResidual
     drift: CalibrationDrift
 
 

@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from pretouch.v1 import common_pb2 as pretouch_dot_v1_dot_common__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n#pretouch/v1/calibrated_camera.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"D\n\x13\x43\x61librationResidual\x12\x17\n\x0ftranslation_std\x18\x01 \x01(\x01\x12\x14\n\x0crotation_std\x18\x02 \x01(\x01\"?\n\x10\x43\x61librationDrift\x12\r\n\x05state\x18\x01 \x01(\t\x12\x12\n\x05since\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x08\n\x06_since\"S\n\rCameraSession\x12\x0f\n\x07session\x18\x01 \x01(\t\x12\n\n\x02\x61t\x18\x02 \x01(\x01\x12\r\n\x05\x65rror\x18\x03 \x01(\x01\x12\x16\n\x0e\x65xpected_error\x18\x04 \x01(\x01\"=\n\x0eLeftOutSession\x12\x0f\n\x07session\x18\x01 \x01(\t\x12\n\n\x02\x61t\x18\x02 \x01(\x01\x12\x0e\n\x06reason\x18\x03 \x01(\t\"[\n\rCameraSummary\x12\n\n\x02id\x18\x01 \x01(\t\x12\x10\n\x08sessions\x18\x02 \x01(\r\x12,\n\x05\x64rift\x18\x03 \x01(\x0b\x32\x1d.pretouch.v1.CalibrationDrift\"\xa2\x03\n\x10\x43\x61libratedCamera\x12\n\n\x02id\x18\x01 \x01(\t\x12\x10\n\x08sessions\x18\x02 \x01(\r\x12(\n\rbase_t_camera\x18\x03 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12 \n\x18\x62\x61se_t_camera_covariance\x18\x04 \x03(\x01\x12*\n\x0f\x63\x61mera_t_camera\x18\x05 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12&\n\x0b\x62\x61se_t_base\x18\x06 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x12\n\ncovariance\x18\x07 \x03(\x01\x12\x32\n\x08residual\x18\x08 \x01(\x0b\x32 .pretouch.v1.CalibrationResidual\x12,\n\x05\x64rift\x18\t \x01(\x0b\x32\x1d.pretouch.v1.CalibrationDrift\x12+\n\x07history\x18\n \x03(\x0b\x32\x1a.pretouch.v1.CameraSession\x12-\n\x08left_out\x18\x0b \x03(\x0b\x32\x1b.pretouch.v1.LeftOutSession\"\xf9\x01\n\x11\x43\x61meraObservation\x12(\n\rbase_t_camera\x18\x01 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12,\n\x11\x62\x61se_t_correction\x18\x02 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x10\n\x08\x63\x65ntroid\x18\x03 \x03(\x01\x12\x12\n\ncovariance\x18\x04 \x03(\x01\x12%\n\nprior_mean\x18\x05 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x18\n\x10prior_covariance\x18\x06 \x03(\x01\x12\r\n\x05\x65rror\x18\x07 \x01(\x01\x12\x16\n\x0e\x65xpected_error\x18\x08 \x01(\x01\"\x14\n\x12ListCamerasRequest\"B\n\x13ListCamerasResponse\x12+\n\x07\x63\x61meras\x18\x01 \x03(\x0b\x32\x1a.pretouch.v1.CameraSummary\"%\n\x10GetCameraRequest\x12\x11\n\tcamera_id\x18\x01 \x01(\t\"B\n\x11GetCameraResponse\x12-\n\x06\x63\x61mera\x18\x01 \x01(\x0b\x32\x1d.pretouch.v1.CalibratedCamera\"(\n\x13\x46orgetCameraRequest\x12\x11\n\tcamera_id\x18\x01 \x01(\t\"\x16\n\x14\x46orgetCameraResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n#pretouch/v1/calibrated_camera.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"D\n\x13\x43\x61librationResidual\x12\x17\n\x0ftranslation_std\x18\x01 \x01(\x01\x12\x14\n\x0crotation_std\x18\x02 \x01(\x01\"?\n\x10\x43\x61librationDrift\x12\r\n\x05state\x18\x01 \x01(\t\x12\x12\n\x05since\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x08\n\x06_since\"S\n\rCameraSession\x12\x0f\n\x07session\x18\x01 \x01(\t\x12\n\n\x02\x61t\x18\x02 \x01(\x01\x12\r\n\x05\x65rror\x18\x03 \x01(\x01\x12\x16\n\x0e\x65xpected_error\x18\x04 \x01(\x01\"=\n\x0eLeftOutSession\x12\x0f\n\x07session\x18\x01 \x01(\t\x12\n\n\x02\x61t\x18\x02 \x01(\x01\x12\x0e\n\x06reason\x18\x03 \x01(\t\"\xe3\x01\n\rCameraSummary\x12\n\n\x02id\x18\x01 \x01(\t\x12\x10\n\x08sessions\x18\x02 \x01(\r\x12*\n\x0f\x63\x61mera_t_camera\x18\x03 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12&\n\x0b\x62\x61se_t_base\x18\x04 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x32\n\x08residual\x18\x05 \x01(\x0b\x32 .pretouch.v1.CalibrationResidual\x12,\n\x05\x64rift\x18\x06 \x01(\x0b\x32\x1d.pretouch.v1.CalibrationDrift\"\xa2\x03\n\x10\x43\x61libratedCamera\x12\n\n\x02id\x18\x01 \x01(\t\x12\x10\n\x08sessions\x18\x02 \x01(\r\x12(\n\rbase_t_camera\x18\x03 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12 \n\x18\x62\x61se_t_camera_covariance\x18\x04 \x03(\x01\x12*\n\x0f\x63\x61mera_t_camera\x18\x05 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12&\n\x0b\x62\x61se_t_base\x18\x06 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x12\n\ncovariance\x18\x07 \x03(\x01\x12\x32\n\x08residual\x18\x08 \x01(\x0b\x32 .pretouch.v1.CalibrationResidual\x12,\n\x05\x64rift\x18\t \x01(\x0b\x32\x1d.pretouch.v1.CalibrationDrift\x12+\n\x07history\x18\n \x03(\x0b\x32\x1a.pretouch.v1.CameraSession\x12-\n\x08left_out\x18\x0b \x03(\x0b\x32\x1b.pretouch.v1.LeftOutSession\"\xf9\x01\n\x11\x43\x61meraObservation\x12(\n\rbase_t_camera\x18\x01 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12,\n\x11\x62\x61se_t_correction\x18\x02 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x10\n\x08\x63\x65ntroid\x18\x03 \x03(\x01\x12\x12\n\ncovariance\x18\x04 \x03(\x01\x12%\n\nprior_mean\x18\x05 \x01(\x0b\x32\x11.pretouch.v1.Pose\x12\x18\n\x10prior_covariance\x18\x06 \x03(\x01\x12\r\n\x05\x65rror\x18\x07 \x01(\x01\x12\x16\n\x0e\x65xpected_error\x18\x08 \x01(\x01\"\x14\n\x12ListCamerasRequest\"B\n\x13ListCamerasResponse\x12+\n\x07\x63\x61meras\x18\x01 \x03(\x0b\x32\x1a.pretouch.v1.CameraSummary\"%\n\x10GetCameraRequest\x12\x11\n\tcamera_id\x18\x01 \x01(\t\"B\n\x11GetCameraResponse\x12-\n\x06\x63\x61mera\x18\x01 \x01(\x0b\x32\x1d.pretouch.v1.CalibratedCamera\"(\n\x13\x46orgetCameraRequest\x12\x11\n\tcamera_id\x18\x01 \x01(\t\"\x16\n\x14\x46orgetCameraResponseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -40,22 +40,22 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_CAMERASESSION']._serialized_end=296
   _globals['_LEFTOUTSESSION']._serialized_start=298
   _globals['_LEFTOUTSESSION']._serialized_end=359
-  _globals['_CAMERASUMMARY']._serialized_start=361
-  _globals['_CAMERASUMMARY']._serialized_end=452
-  _globals['_CALIBRATEDCAMERA']._serialized_start=455
-  _globals['_CALIBRATEDCAMERA']._serialized_end=873
-  _globals['_CAMERAOBSERVATION']._serialized_start=876
-  _globals['_CAMERAOBSERVATION']._serialized_end=1125
-  _globals['_LISTCAMERASREQUEST']._serialized_start=1127
-  _globals['_LISTCAMERASREQUEST']._serialized_end=1147
-  _globals['_LISTCAMERASRESPONSE']._serialized_start=1149
-  _globals['_LISTCAMERASRESPONSE']._serialized_end=1215
-  _globals['_GETCAMERAREQUEST']._serialized_start=1217
-  _globals['_GETCAMERAREQUEST']._serialized_end=1254
-  _globals['_GETCAMERARESPONSE']._serialized_start=1256
-  _globals['_GETCAMERARESPONSE']._serialized_end=1322
-  _globals['_FORGETCAMERAREQUEST']._serialized_start=1324
-  _globals['_FORGETCAMERAREQUEST']._serialized_end=1364
-  _globals['_FORGETCAMERARESPONSE']._serialized_start=1366
-  _globals['_FORGETCAMERARESPONSE']._serialized_end=1388
+  _globals['_CAMERASUMMARY']._serialized_start=362
+  _globals['_CAMERASUMMARY']._serialized_end=589
+  _globals['_CALIBRATEDCAMERA']._serialized_start=592
+  _globals['_CALIBRATEDCAMERA']._serialized_end=1010
+  _globals['_CAMERAOBSERVATION']._serialized_start=1013
+  _globals['_CAMERAOBSERVATION']._serialized_end=1262
+  _globals['_LISTCAMERASREQUEST']._serialized_start=1264
+  _globals['_LISTCAMERASREQUEST']._serialized_end=1284
+  _globals['_LISTCAMERASRESPONSE']._serialized_start=1286
+  _globals['_LISTCAMERASRESPONSE']._serialized_end=1352
+  _globals['_GETCAMERAREQUEST']._serialized_start=1354
+  _globals['_GETCAMERAREQUEST']._serialized_end=1391
+  _globals['_GETCAMERARESPONSE']._serialized_start=1393
+  _globals['_GETCAMERARESPONSE']._serialized_end=1459
+  _globals['_FORGETCAMERAREQUEST']._serialized_start=1461
+  _globals['_FORGETCAMERAREQUEST']._serialized_end=1501
+  _globals['_FORGETCAMERARESPONSE']._serialized_start=1503
+  _globals['_FORGETCAMERARESPONSE']._serialized_end=1525
 # @@protoc_insertion_point(module_scope)

@@ -151,11 +151,26 @@ class CameraSummary(_message.Message):
 
     ID_FIELD_NUMBER: _builtins.int
     SESSIONS_FIELD_NUMBER: _builtins.int
+    CAMERA_T_CAMERA_FIELD_NUMBER: _builtins.int
+    BASE_T_BASE_FIELD_NUMBER: _builtins.int
+    RESIDUAL_FIELD_NUMBER: _builtins.int
     DRIFT_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     """Name of the camera."""
     sessions: _builtins.int
     """Number of sessions that counted."""
+    @_builtins.property
+    def camera_t_camera(self) -> _common_pb2.Pose:
+        """The part of the calibration error on the camera's side."""
+
+    @_builtins.property
+    def base_t_base(self) -> _common_pb2.Pose:
+        """The part of the calibration error on the base's side."""
+
+    @_builtins.property
+    def residual(self) -> Global___CalibrationResidual:
+        """By how much the calibration error differs from session to session."""
+
     @_builtins.property
     def drift(self) -> Global___CalibrationDrift:
         """Whether the calibration error is still the one that was learned."""
@@ -165,11 +180,14 @@ class CameraSummary(_message.Message):
         *,
         id: _builtins.str = ...,
         sessions: _builtins.int = ...,
+        camera_t_camera: _common_pb2.Pose | None = ...,
+        base_t_base: _common_pb2.Pose | None = ...,
+        residual: Global___CalibrationResidual | None = ...,
         drift: Global___CalibrationDrift | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_base", b"base_t_base", "camera_t_camera", b"camera_t_camera", "drift", b"drift", "residual", b"residual"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["drift", b"drift", "id", b"id", "sessions", b"sessions"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_base", b"base_t_base", "camera_t_camera", b"camera_t_camera", "drift", b"drift", "id", b"id", "residual", b"residual", "sessions", b"sessions"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -13,6 +13,7 @@ from pretouch.calibrated_camera import (
     CalibrationDrift,
     CalibrationResidual,
     CameraSession,
+    CameraSummary,
     LeftOutSession,
 )
 from pretouch.errors import TYPE_PREFIX, InvalidInput
@@ -36,6 +37,7 @@ _DISHONEST = {
 }
 _UNKNOWN = np.kron(np.eye(2), assumptions.SIDE.covariance)
 """Covariance of both sides of a camera of which nothing is known."""
+_UNKNOWN_RESIDUAL = CalibrationResidual(assumptions.SIDE.translation_std, assumptions.SIDE.rotation_std)
 _STEP = 1e-3
 """s from one session's end to the next one's, at least: a clock that was put back does not change their order."""
 _KNOCKED = "Check that the camera is fixed to its mount and that base_T_camera is up to date."
@@ -110,8 +112,17 @@ def predict_prior(calibration: Calibration, base_T_camera: Pose, centroid: Array
     return prior
 
 
-def read_drift(calibration: Calibration) -> CalibrationDrift:
-    return CalibrationDrift(str(calibration.drift.state), calibration.drift.since)
+def summarize(camera_id: str, sessions: int, calibration: Calibration) -> CameraSummary:
+    """The camera in the list of all, given its calibration and how many sessions counted."""
+    residual = CalibrationResidual(calibration.residual_translation_std, calibration.residual_rotation_std)
+    return CameraSummary(
+        camera_id,
+        sessions,
+        calibration.camera_T_camera,
+        calibration.base_T_base,
+        residual if calibration.count else _UNKNOWN_RESIDUAL,
+        CalibrationDrift(str(calibration.drift.state), calibration.drift.since),
+    )
 
 
 def warn_of_drift(camera_id: str, drift: CalibrationDrift) -> list[SessionWarning]:
@@ -151,6 +162,7 @@ def describe_event(camera_id: str, entry: CameraEntry, drift: CalibrationDrift) 
 
 def describe_camera(camera_id: str, memory: CameraMemory, calibration: Calibration) -> CalibratedCamera:
     """What is known of a camera, given the calibration from what is kept of it."""
+    summary = summarize(camera_id, memory.summary.sessions, calibration)
     at_camera = predict_prior(calibration, memory.base_T_camera, memory.base_T_camera.translation)
     times = {entry.session_id: entry.at for entry in memory.counted}
     rejected = [
@@ -161,14 +173,14 @@ def describe_camera(camera_id: str, memory: CameraMemory, calibration: Calibrati
     left_out = [LeftOutSession(entry.session_id, entry.at, entry.reason) for entry in memory.left_out]
     return CalibratedCamera(
         id=camera_id,
-        sessions=memory.sessions,
+        sessions=summary.sessions,
         base_T_camera=calibration.correct(memory.base_T_camera),
         base_T_camera_covariance=None if at_camera is None else at_camera.covariance,
         camera_T_camera=calibration.camera_T_camera,
         base_T_base=calibration.base_T_base,
         covariance=calibration.covariance if calibration.count else _UNKNOWN,
-        residual=CalibrationResidual(calibration.residual_translation_std, calibration.residual_rotation_std),
-        drift=read_drift(calibration),
+        residual=summary.residual,
+        drift=summary.drift,
         history=tuple(
             CameraSession(entry.session_id, entry.at, entry.error, entry.expected_error) for entry in memory.counted
         ),

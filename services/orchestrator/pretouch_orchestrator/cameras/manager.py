@@ -17,7 +17,7 @@ from pretouch_orchestrator.cameras.findings import (
     list_observations,
     observe,
     predict_prior,
-    read_drift,
+    summarize,
     warn_of_drift,
     warn_of_room,
 )
@@ -77,7 +77,7 @@ class Cameras:
         if memory is None:
             full = len(await self._store.list_cameras(owner)) >= MAX_CAMERAS
             return Knowledge(warnings=(warn_of_room(),) if full else ())
-        warnings = tuple(warn_of_drift(camera_id, memory.drift))
+        warnings = tuple(warn_of_drift(camera_id, memory.summary.drift))
         try:
             calibration = await self._calibrate(memory.counted)
         except PretouchError:
@@ -93,7 +93,7 @@ class Cameras:
         if camera_id is None or not record.state.ended:
             return await self._store.create(owner, record, events, key)
         memory = await self._store.load_camera(owner, camera_id)
-        drift = CalibrationDrift() if memory is None else memory.drift
+        drift = CalibrationDrift() if memory is None else memory.summary.drift
         update = CameraUpdate(observe(record, time.time()))  # without a scan it cannot count
         stored = await self._store.create(owner, record, _tell(events, camera_id, update.entry, drift), key, update)
         self._count(record, update.entry)
@@ -109,13 +109,15 @@ class Cameras:
             if memory is None:  # forgotten, or one too many
                 return await self._store.update(before, after, events, lease)
             update = await self._learn(camera_id, memory, after)
-            told = _tell(events, camera_id, update.entry, update.drift)
+            before_it = memory.summary.drift
+            drift = before_it if update.summary is None else update.summary.drift
+            told = _tell(events, camera_id, update.entry, drift)
             try:
                 stored = await self._store.update(before, after, told, lease, update)
             except CameraChanged:
                 continue
             self._count(after, update.entry)
-            self._sound(camera_id, memory.drift, update.drift)
+            self._sound(camera_id, before_it, drift)
             return stored
 
     async def list(self, owner: str) -> list[CameraSummary]:
@@ -143,16 +145,16 @@ class Cameras:
         try:
             entry = await self._context.go_on_in_thread(observe, record, at)
             if entry.reason:
-                return CameraUpdate(entry, memory.drift)
+                return CameraUpdate(entry)
             calibration = await self._calibrate((*memory.counted, entry))
         except PretouchError as error:
             reason: Exception = error
         except Exception as error:
             reason = error
         else:
-            return CameraUpdate(entry, read_drift(calibration), memory.last)
+            return CameraUpdate(entry, summarize(camera_id, memory.summary.sessions + 1, calibration), memory.last)
         self._context.log.error("a session could not be evaluated for its camera", camera=camera_id, exc_info=reason)
-        return CameraUpdate(CameraEntry(record.id, at, _NOT_EVALUATED), memory.drift)
+        return CameraUpdate(CameraEntry(record.id, at, _NOT_EVALUATED))
 
     def _count(self, record: Record, entry: CameraEntry) -> None:
         self._ended.labels(record.state.value, "no" if entry.reason else "yes").inc()

@@ -34,8 +34,11 @@ _CAMERA = CalibratedCamera(
     ),
     left_out=(LeftOutSession("c41f08e7a6b2d935", 1767226800.0, "Its samples fit no pose."),),
 )
+_SUMMARY = CameraSummary(
+    _CAMERA.id, _CAMERA.sessions, _CAMERA.camera_T_camera, _CAMERA.base_T_base, _CAMERA.residual, _CAMERA.drift
+)
 CAMERA = camera_to_json(_CAMERA)
-CAMERA_LIST = camera_list_to_json([CameraSummary(_CAMERA.id, _CAMERA.sessions, _CAMERA.drift)])
+CAMERA_LIST = camera_list_to_json([_SUMMARY])
 DOCUMENTS: dict[str, list[dict[str, Any]]] = {"CalibratedCamera": [CAMERA], "CameraList": [CAMERA_LIST]}
 """The examples of each schema."""
 EXPORTS = {format: export_camera(_CAMERA, format) for format in ExportFormat}

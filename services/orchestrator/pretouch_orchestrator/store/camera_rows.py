@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
-from pretouch.calibrated_camera import CalibrationDrift
+from pretouch.calibrated_camera import CalibrationDrift, CalibrationResidual, CameraSummary
+from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.v1 import calibrated_camera_pb2 as pb
 from pretouch.v1 import common_pb2
+from pretouch.wire.calibrated_camera import camera_summary_from_proto, camera_summary_to_proto
 from pretouch.wire.common import pose_from_proto, pose_to_proto
 from pretouch_orchestrator.calibration import Observation
 from pretouch_orchestrator.store.camera_sql import CameraColumns, EntryColumns
@@ -14,9 +21,10 @@ from pretouch_orchestrator.store.protocol import CameraEntry, CameraMemory, Came
 
 
 def entry_columns(update: CameraUpdate) -> EntryColumns:
-    entry, drift = update.entry, update.drift
+    entry = update.entry
     message = b"" if entry.observation is None else _pack(entry.observation, entry).SerializeToString()
-    return EntryColumns(entry.session_id, entry.at, entry.reason, message, drift.state, drift.since or "", update.last)
+    summary = b"" if update.summary is None else _summary_column(update.summary)
+    return EntryColumns(entry.session_id, entry.at, entry.reason, message, summary, update.last)
 
 
 def memory_from_columns(columns: CameraColumns) -> CameraMemory:
@@ -26,9 +34,8 @@ def memory_from_columns(columns: CameraColumns) -> CameraMemory:
     messages = [pb.CameraObservation.FromString(each["message"]) for each in observed]
     return CameraMemory(
         base_T_camera=pose_from_proto(common_pb2.Pose.FromString(row["believed"]), "camera.believed"),
-        sessions=row["sessions"],
         last=row["last"],
-        drift=drift_from_row(row["drift"], row["since"]),
+        summary=summary_from_row(row),
         counted=tuple(
             CameraEntry(
                 each["session"],
@@ -47,8 +54,20 @@ def memory_from_columns(columns: CameraColumns) -> CameraMemory:
     )
 
 
-def drift_from_row(state: str, since: str) -> CalibrationDrift:
-    return CalibrationDrift(state, since or None)
+def new_summary_column(camera_id: str) -> bytes:
+    """The summary of a camera of which nothing is known."""
+    unknown = Prior()
+    residual = CalibrationResidual(unknown.translation_std, unknown.rotation_std)
+    return _summary_column(CameraSummary(camera_id, 0, Pose.identity(), Pose.identity(), residual, CalibrationDrift()))
+
+
+def summary_from_row(row: Mapping[str, Any]) -> CameraSummary:
+    summary = camera_summary_from_proto(pb.CameraSummary.FromString(row["summary"]))
+    return replace(summary, sessions=row["sessions"])
+
+
+def _summary_column(summary: CameraSummary) -> bytes:
+    return camera_summary_to_proto(summary).SerializeToString()
 
 
 def _pack(observation: Observation, entry: CameraEntry) -> pb.CameraObservation:

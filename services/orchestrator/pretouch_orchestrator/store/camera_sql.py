@@ -20,10 +20,9 @@ class EntryColumns(NamedTuple):
     at: float
     reason: str
     message: bytes
-    drift: str
-    since: str
+    summary: bytes
     last: int
-    """Number of the newest observation from which the drift was computed."""
+    """Number of the newest observation from which the summary was computed, besides this one."""
 
 
 class CameraColumns(NamedTuple):
@@ -54,12 +53,17 @@ def read_camera(tx: Transaction, owner: str, camera_id: str) -> CameraColumns | 
     return None
 
 
-def store_camera(tx: Transaction, owner: str, camera_id: str, believed: bytes) -> None:
-    """Notes that a session names the camera; a new one is only remembered while its owner has room for it."""
-    values = {"owner": owner, "id": camera_id, "believed": believed, "limit": MAX_CAMERAS}
+def store_camera(tx: Transaction, owner: str, camera_id: str, believed: bytes, summary: bytes) -> None:
+    """Notes that a session names the camera; a new one is only remembered while its owner has room for it.
+
+    Args:
+        believed: its pose as the session believes it.
+        summary: of a new one.
+    """
+    values = {"owner": owner, "id": camera_id, "believed": believed, "summary": summary, "limit": MAX_CAMERAS}
     tx.execute(
-        "INSERT INTO camera (owner, id, believed, sessions, last, drift, since) "
-        "SELECT :owner, :id, :believed, 0, 0, 'steady', '' WHERE "
+        "INSERT INTO camera (owner, id, believed, sessions, last, summary) "
+        "SELECT :owner, :id, :believed, 0, 0, :summary WHERE "
         "(SELECT count(*) FROM camera WHERE owner = :owner AND id <> :id) < :limit "
         "ON CONFLICT (owner, id) DO UPDATE SET believed = excluded.believed",
         values,
@@ -70,7 +74,7 @@ def store_entry(tx: Transaction, number: int, entry: EntryColumns) -> None:
     """Notes how the session of this number ended; nothing is noted of a camera that was forgotten meanwhile.
 
     Raises:
-        CameraChanged: the session counts, and another one did since the drift was computed.
+        CameraChanged: the session counts, and another one did since its summary was computed.
     """
     (names,) = tx.execute("SELECT owner, camera FROM session WHERE number = :number", {"number": number})
     # This first update also makes the ends of a camera's sessions wait for each other.
@@ -97,8 +101,8 @@ def store_entry(tx: Transaction, number: int, entry: EntryColumns) -> None:
     )
     if not entry.reason:
         tx.execute(
-            "UPDATE camera SET last = :last, drift = :drift, since = :since WHERE owner = :owner AND id = :camera",
-            {**names, "last": stored["number"], "drift": entry.drift, "since": entry.since},
+            "UPDATE camera SET last = :last, summary = :summary WHERE owner = :owner AND id = :camera",
+            {**names, "last": stored["number"], "summary": entry.summary},
         )
     tx.execute(
         "DELETE FROM observation WHERE owner = :owner AND camera = :camera AND counts = :counts AND number <= "
@@ -111,7 +115,7 @@ def store_entry(tx: Transaction, number: int, entry: EntryColumns) -> None:
 def store_cancellation(tx: Transaction, number: int, session_id: str) -> None:
     """Notes that the session was cancelled, if it has a camera."""
     (now,) = tx.execute("SELECT epoch() AS at")
-    store_entry(tx, number, EntryColumns(session_id, now["at"], CANCELLED, b"", "", "", 0))
+    store_entry(tx, number, EntryColumns(session_id, now["at"], CANCELLED, b"", b"", 0))
 
 
 def forget_camera(tx: Transaction, owner: str, camera_id: str) -> bool:

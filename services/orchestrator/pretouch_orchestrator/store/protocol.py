@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-from pretouch.calibrated_camera import CalibrationDrift, CameraSummary
+from pretouch.calibrated_camera import CameraSummary
 from pretouch.errors import Conflict
 from pretouch.geometry import Pose
 from pretouch.session import Session
@@ -81,12 +81,12 @@ class CameraUpdate(NamedTuple):
     """What is stored of a session's camera when the session ends.
 
     Attributes:
-        drift: of the camera with the session, if that counts.
-        last: number of the newest observation from which the drift was computed besides.
+        summary: of the camera with the session, if that counts; else None.
+        last: number of the newest observation from which the summary was computed besides.
     """
 
     entry: CameraEntry
-    drift: CalibrationDrift = CalibrationDrift()
+    summary: CameraSummary | None = None
     last: int = 0
 
 
@@ -96,23 +96,21 @@ class CameraMemory:
 
     Attributes:
         base_T_camera: as the newest session believed it.
-        sessions: number of those that counted, also of those that are no longer kept.
+        summary: what follows from the observations; its sessions are also those that are no longer kept.
         last: number of the newest observation.
-        drift: what follows from the observations.
         counted: the newest sessions that count, in the order in which they ended.
         left_out: the newest ones that do not.
     """
 
     base_T_camera: Pose
-    sessions: int
+    summary: CameraSummary
     last: int
-    drift: CalibrationDrift
     counted: tuple[CameraEntry, ...]
     left_out: tuple[CameraEntry, ...]
 
 
 class CameraChanged(Conflict):
-    """Another session of the camera has ended since its drift was computed: load it and compute again."""
+    """Another session of the camera has ended since its summary was computed: load it and compute again."""
 
     def __init__(self) -> None:
         super().__init__("Another session of the camera ended meanwhile.", "Try again.")

@@ -73,6 +73,7 @@ class SqlStore:
             "camera": record.request.camera_id or "",
         }
         believed = rows.pose_column(record.request.base_T_camera)
+        summary = camera_rows.new_summary_column(record.request.camera_id or "")
         entry = None if camera is None else camera_rows.entry_columns(camera)
 
         def work(tx: Transaction) -> None:
@@ -88,7 +89,7 @@ class SqlStore:
             number = row["number"]
             sql.store_step(tx, number, step)
             if record.request.camera_id is not None:
-                camera_sql.store_camera(tx, owner, record.request.camera_id, believed)
+                camera_sql.store_camera(tx, owner, record.request.camera_id, believed, summary)
             if entry is not None:
                 camera_sql.store_entry(tx, number, entry)
             if key is not None and not sql.store_key(tx, owner, key, number):
@@ -159,15 +160,9 @@ class SqlStore:
 
     async def list_cameras(self, owner: str) -> list[CameraSummary]:
         found = await self._database.read(
-            lambda tx: tx.execute(
-                "SELECT id, sessions, drift, since FROM camera WHERE owner = :owner", {"owner": owner}
-            )
+            lambda tx: tx.execute("SELECT id, sessions, summary FROM camera WHERE owner = :owner", {"owner": owner})
         )
-        cameras = (
-            CameraSummary(row["id"], row["sessions"], camera_rows.drift_from_row(row["drift"], row["since"]))
-            for row in found
-        )
-        return sorted(cameras, key=lambda camera: camera.id)
+        return sorted(map(camera_rows.summary_from_row, found), key=lambda camera: camera.id)
 
     async def forget_camera(self, owner: str, camera_id: str) -> None:
         if not await self._write(lambda tx: camera_sql.forget_camera(tx, owner, camera_id)):

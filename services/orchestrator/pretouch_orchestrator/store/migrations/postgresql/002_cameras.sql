@@ -7,8 +7,7 @@ CREATE TABLE camera (
     believed BYTEA NOT NULL, -- pretouch.v1.Pose: base_T_camera of the newest session
     sessions BIGINT NOT NULL, -- that counted, also those whose observations are gone
     last BIGINT NOT NULL, -- number of the newest observation that counts; 0: none
-    drift TEXT NOT NULL, -- "steady", "suspected" or "moved": what follows from the observations up to the last
-    since TEXT NOT NULL, -- id of a session; empty: steady
+    summary BYTEA NOT NULL, -- pretouch.v1.CameraSummary: what follows from the observations up to the last
     PRIMARY KEY (owner, id)
 );
 
