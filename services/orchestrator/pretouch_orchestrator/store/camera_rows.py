@@ -63,7 +63,7 @@ def new_summary_column(camera_id: str) -> bytes:
 
 def summary_from_row(row: Mapping[str, Any]) -> CameraSummary:
     summary = camera_summary_from_proto(pb.CameraSummary.FromString(row["summary"]))
-    return replace(summary, sessions=row["sessions"])
+    return replace(summary, id=row["id"], sessions=row["sessions"])
 
 
 def _summary_column(summary: CameraSummary) -> bytes:
