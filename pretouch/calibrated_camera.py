@@ -116,14 +116,14 @@ class CalibratedCamera:
         sessions: number of sessions that counted.
         base_T_camera: the camera in base as the latest session believed it, corrected; the camera frame has x right, y
             down, z forward.
-        base_T_camera_covariance: 6 x 6, row-major, order (rotation vector, translation), base axes, of the error
-            (log(R_true R^T), t_true - t) of the corrected pose, rad^2, rad m, m^2; null while nothing is known.
         camera_T_camera: the part of the calibration error on the camera's side.
         base_T_base: the part of the calibration error on the base's side.
         covariance: 12 x 12, row-major, of both parts, `camera_T_camera` first, each in the order (rotation vector,
             translation); rad^2, rad m, m^2.
         residual: by how much the calibration error differs from session to session.
         drift: whether the calibration error is still the one that was learned.
+        base_T_camera_covariance: 6 x 6, row-major, order (rotation vector, translation), base axes, of the error
+            (log(R_true R^T), t_true - t) of the corrected pose, rad^2, rad m, m^2; null while nothing is known.
         history: the sessions that count, the oldest first; at most 200.
         left_out: the sessions that do not count, the oldest first, with the reason.
     """
@@ -131,11 +131,11 @@ class CalibratedCamera:
     id: str
     sessions: int
     base_T_camera: Pose
-    base_T_camera_covariance: Matrix6 | None
     camera_T_camera: Pose
     base_T_base: Pose
     covariance: Matrix12
     residual: CalibrationResidual
     drift: CalibrationDrift
+    base_T_camera_covariance: Matrix6 | None = None
     history: tuple[CameraSession, ...] = ()
     left_out: tuple[LeftOutSession, ...] = ()
