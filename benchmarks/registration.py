@@ -31,8 +31,8 @@ from pretouch_registrar.engines.solution import pose_from_correction
 
 from benchmarks import registration_peers as peers
 from benchmarks.registration_cases import RegistrationCase, make_cases
-from pretouch.estimate import Prior
 from pretouch.geometry import Array, Pose
+from pretouch.prior import Prior
 from pretouch.tof import Scan, Sensor
 
 REFERENCE = "PCL ICP + VarTrimmed"
@@ -93,7 +93,7 @@ def _ours(resources: Resources) -> dict[str, Callable[[RegistrationCase], Callab
         return prepare
 
     def planes(prepared: bool) -> Callable[[RegistrationCase], Callable[[], Array]]:
-        prior = Prior().inverse_variances()
+        prior = 1.0 / np.diag(Prior().covariance)
 
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
             known = point_to_plane.make_planes(case.target, case.normals)

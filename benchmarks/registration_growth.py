@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 from pretouch_registrar.engines import icp, pcl, point_to_plane
 from pretouch_registrar.engines.neighbours import build_index, subsample
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array, Pose
+from pretouch.prior import Prior
 
 SAMPLES = (100, 200, 500, 1000, 2000, 5000, 10_000)
 TARGETS = (1000, 3000, 10_000, 30_000, 100_000, 300_000)
@@ -53,7 +53,7 @@ def _pcl(source: Array, target: Array, _: Array) -> None:
 
 def _point_to_plane(source: Array, target: Array, normals: Array) -> None:
     planes = point_to_plane.make_planes(target, normals)
-    prior = Prior().inverse_variances()
+    prior = 1.0 / np.diag(Prior().covariance)
     point_to_plane.match(source, np.ones(len(source)), planes, np.zeros(3), prior, _PLANE_NOISE, np.zeros(6))
 
 

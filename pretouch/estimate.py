@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from pretouch.errors import InvalidInput
 from pretouch.expected_error import compute_expected_errors
 from pretouch.geometry import Array, Matrix6, Pose, Vector3, Vector6, frozen_array
+from pretouch.prior import AnyPrior
 
 _HALF = np.random.default_rng(0).standard_normal((512, 6))
 _NORMAL = np.concatenate([_HALF, -_HALF])
@@ -20,44 +21,6 @@ _ROUNDING = 1e-6
 """Largest rounding error of a sum of probabilities."""
 _SAME_CORRECTION = 1e-6
 """m, or an entry of the rotation matrix: two corrections that differ by less are the same."""
-_MIN_STD = 1e-6
-"""m or rad, least standard deviation: a much smaller variance would be lost in rounding errors."""
-
-
-@dataclass(frozen=True)
-class Prior:
-    """The distribution of the camera's calibration error before the first scan: normal, with zero mean.
-
-    The defaults have the standard deviations of uniform errors of +-2 cm and +-5 deg.
-
-    Attributes:
-        translation_std: standard deviation of the translation along each base axis, in metres.
-        rotation_std: standard deviation of the rotation about each base axis through the object's centroid, in radians.
-
-    Raises:
-        Malformed: a value is not finite.
-        InvalidInput: a value out of its limits.
-    """
-
-    translation_std: float = 0.0115
-    rotation_std: float = 0.05
-
-    def __post_init__(self) -> None:
-        for name in ("translation_std", "rotation_std"):
-            value = float(frozen_array(getattr(self, name), (), f"prior.{name}"))
-            if not _MIN_STD <= value <= 1:
-                raise InvalidInput(
-                    f"prior.{name} is {value:g}.", f"Need a standard deviation of {_MIN_STD:g} to 1 (m or rad)."
-                )
-            object.__setattr__(self, name, value)
-
-    def covariance(self) -> Array:
-        """6x6, order (rotation vector, translation)."""
-        return np.diag([self.rotation_std**2] * 3 + [self.translation_std**2] * 3)
-
-    def inverse_variances(self) -> Array:
-        """(6,), the diagonal of the inverse covariance, in the same order."""
-        return np.array([self.rotation_std**-2.0] * 3 + [self.translation_std**-2.0] * 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +158,17 @@ def select_arms(points: ArrayLike, centroid: ArrayLike) -> Array:
     return np.asarray(arms, dtype=np.float64)
 
 
-def from_prior(prior: Prior, cloud: Array) -> Estimate:
-    """The estimate before the first scan: identity and the prior; `cloud` (n, 3), m, is the object's in base."""
+def from_prior(prior: AnyPrior, cloud: Array) -> Estimate:
+    """The estimate before the first scan: the prior's mean and covariance.
+
+    Args:
+        cloud: (n, 3), m, the object's points in base before correction.
+
+    Raises:
+        InvalidInput: the prior's mean moves the object too far.
+    """
     centroid = cloud.mean(axis=0)
-    expected, quantile = point_error(prior.covariance(), cloud, centroid)
-    return Estimate(Pose.identity(), centroid, prior.covariance(), expected, float(quantile[0]))
+    prior.check_mean(centroid)
+    covariance, mean = prior.covariance, prior.mean
+    expected, quantile = point_error(covariance, mean.apply(cloud), mean.apply(centroid))
+    return Estimate(mean, centroid, covariance, expected, float(quantile[0]))

@@ -8,8 +8,9 @@ from typing import Any
 
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput, TooLarge
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
 from pretouch.geometry import MAX_DISTANCE, Array, Plane, Pose, frozen_array
+from pretouch.prior import AnyPrior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session_warning import SessionWarning
 from pretouch.tof import MAX_SAMPLES, MAX_TIME, RangeSamples, Sensor
@@ -135,7 +136,7 @@ class SessionRequest:
         roi: [u0, v0, u1, v1] in pixels, half-open: the part of the image to look in; with a mask, their intersection.
         table: the table in base, as the camera puts it, offset in metres; left out: estimated from the depth image.
         base_T_object: pose of the object in base, as the camera puts it, which the estimate then holds corrected.
-        prior: standard deviations of the camera's calibration error; left out: the defaults.
+        prior: what is believed of the camera's calibration error beforehand; left out: the defaults of Prior.
         tolerance: when the session has converged; left out: the defaults.
         budget: what the session may spend; left out: the defaults.
         sensor: the range sensor in the robot's fingertip; left out: the defaults.
@@ -156,7 +157,7 @@ class SessionRequest:
     roi: tuple[int, int, int, int] | None = None
     table: Plane | None = None
     base_T_object: Pose | None = None
-    prior: Prior = field(default_factory=Prior)
+    prior: AnyPrior | None = None
     tolerance: Tolerance = field(default_factory=Tolerance)
     budget: Budget = field(default_factory=Budget)
     sensor: Sensor = field(default_factory=Sensor)
@@ -397,7 +398,7 @@ class Session:
         proposer: the proposer that is used.
         planner: the planner that is used.
         regions: the regions of the object that are worth scanning, the proposer's best first.
-        estimate: the correction and its uncertainty; before the first scan, identity and the prior.
+        estimate: the correction and its uncertainty; before the first scan, the prior's.
         next_scan: the path of the next scan, if there is one.
         scans: the scans so far, the oldest first.
         budget_used: what was spent of the budget.

@@ -376,7 +376,9 @@ Global___Sensor: _TypeAlias = Sensor  # noqa: Y015
 
 @_typing.final
 class Prior(_message.Message):
-    """What is believed before the first scan: an unbiased normal error of the camera's calibration."""
+    """An unbiased error of the camera's calibration, as large along every axis: nearly uniform up to sqrt 3 standard
+    deviations.
+    """
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -406,6 +408,40 @@ class Prior(_message.Message):
     def WhichOneof(self, oneof_group: _WhichOneofArgType__translation_std) -> _WhichOneofReturnType__translation_std | None: ...
 
 Global___Prior: _TypeAlias = Prior  # noqa: Y015
+
+@_typing.final
+class PosePrior(_message.Message):
+    """A normal error of the camera's calibration with any mean and covariance, such as a pose estimator or earlier sessions
+    state.
+    """
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    BASE_T_CORRECTION_FIELD_NUMBER: _builtins.int
+    COVARIANCE_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def base_t_correction(self) -> Global___Pose:
+        """The mean, which maps a point from where the camera put it to where it is expected, both in base."""
+
+    @_builtins.property
+    def covariance(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """6 x 6, row-major, order (rotation vector, translation), base axes, of the error (log(R_true R_mean^T), T_true c -
+        T_mean c) with c the mean of the object's cloud before correction; rad^2, rad m, m^2.
+        """
+
+    def __init__(
+        self,
+        *,
+        base_t_correction: Global___Pose | None = ...,
+        covariance: _abc.Iterable[_builtins.float] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["base_t_correction", b"base_t_correction"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["base_t_correction", b"base_t_correction", "covariance", b"covariance"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PosePrior: _TypeAlias = PosePrior  # noqa: Y015
 
 @_typing.final
 class Scan(_message.Message):

@@ -235,6 +235,7 @@ class CreateSessionRequest(_message.Message):
     IDEMPOTENCY_KEY_FIELD_NUMBER: _builtins.int
     WIDTH_FIELD_NUMBER: _builtins.int
     HEIGHT_FIELD_NUMBER: _builtins.int
+    POSE_PRIOR_FIELD_NUMBER: _builtins.int
     depth_scale: _builtins.float
     """Metres that one stored unit of the depth image stands for; left out: 0.001 for integers, 1 for floats."""
     proposer: _builtins.str
@@ -279,7 +280,7 @@ class CreateSessionRequest(_message.Message):
 
     @_builtins.property
     def prior(self) -> _common_pb2.Prior:
-        """Standard deviations of the camera's calibration error; left out: the defaults."""
+        """What is believed of the camera's calibration error beforehand; left out: the defaults of Prior."""
 
     @_builtins.property
     def tolerance(self) -> Global___Tolerance:
@@ -296,6 +297,10 @@ class CreateSessionRequest(_message.Message):
     @_builtins.property
     def scan(self) -> Global___ScanSettings:
         """How the finger moves; left out: the defaults."""
+
+    @_builtins.property
+    def pose_prior(self) -> _common_pb2.PosePrior:
+        """Instead of `prior`: any mean and covariance of the camera's calibration error."""
 
     def __init__(
         self,
@@ -318,10 +323,11 @@ class CreateSessionRequest(_message.Message):
         idempotency_key: _builtins.str = ...,
         width: _builtins.int | None = ...,
         height: _builtins.int | None = ...,
+        pose_prior: _common_pb2.PosePrior | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "mask", b"mask", "prior", b"prior", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "mask", b"mask", "pose_prior", b"pose_prior", "prior", b"prior", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "idempotency_key", b"idempotency_key", "mask", b"mask", "planner", b"planner", "prior", b"prior", "proposer", b"proposer", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "idempotency_key", b"idempotency_key", "mask", b"mask", "planner", b"planner", "pose_prior", b"pose_prior", "prior", b"prior", "proposer", b"proposer", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__depth_scale: _TypeAlias = _typing.Literal["depth_scale"]  # noqa: Y015
     _WhichOneofArgType__depth_scale: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale"]  # noqa: Y015
@@ -585,7 +591,7 @@ class Session(_message.Message):
 
     @_builtins.property
     def estimate(self) -> _common_pb2.Estimate:
-        """The correction and its uncertainty; before the first scan, identity and the prior."""
+        """The correction and its uncertainty; before the first scan, the prior's."""
 
     @_builtins.property
     def next_scan(self) -> Global___ScanPlan:

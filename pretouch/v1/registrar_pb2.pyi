@@ -28,6 +28,7 @@ class RegistrationSettings(_message.Message):
     ENGINE_FIELD_NUMBER: _builtins.int
     PRIOR_FIELD_NUMBER: _builtins.int
     SENSOR_FIELD_NUMBER: _builtins.int
+    POSE_PRIOR_FIELD_NUMBER: _builtins.int
     engine: _builtins.str
     """One of the engines in pretouch_registrar.engines, such as "posterior" or "paper"; empty: the service's default."""
     @_builtins.property
@@ -38,16 +39,21 @@ class RegistrationSettings(_message.Message):
     def sensor(self) -> _common_pb2.Sensor:
         """The fingertip's range sensor; left out: the defaults of Sensor."""
 
+    @_builtins.property
+    def pose_prior(self) -> _common_pb2.PosePrior:
+        """Instead of `prior`: any mean and covariance of the camera's calibration error."""
+
     def __init__(
         self,
         *,
         engine: _builtins.str = ...,
         prior: _common_pb2.Prior | None = ...,
         sensor: _common_pb2.Sensor | None = ...,
+        pose_prior: _common_pb2.PosePrior | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["pose_prior", b"pose_prior", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["engine", b"engine", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["engine", b"engine", "pose_prior", b"pose_prior", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
 from pretouch.geometry import Plane, Pose
 from pretouch.mesh_target import MeshTarget
+from pretouch.prior import AnyPrior, PosePrior, Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import RangeSamples, Scan, Sensor
 from pretouch.v1 import common_pb2 as pb
+from pretouch.v1 import orchestrator_pb2, registrar_pb2
 from pretouch.wire.contract import contract_fields
 
 _DTYPES: dict[pb.ScalarType.ValueType, np.dtype[Any]] = {
@@ -175,12 +177,30 @@ def sensor_from_proto(message: pb.Sensor) -> Sensor:
     return contract_from_proto(message, Sensor, "sensor")
 
 
-def prior_to_proto(prior: Prior) -> pb.Prior:
-    return pb.Prior(**contract_to_proto(prior))
+def prior_to_proto(prior: AnyPrior | None) -> dict[str, Any]:
+    """The field of a message with `prior` and `pose_prior`, for the message's constructor; none for None."""
+    match prior:
+        case Prior():
+            return {"prior": pb.Prior(**contract_to_proto(prior))}
+        case PosePrior():
+            return {"pose_prior": pb.PosePrior(**contract_to_proto(prior))}
+        case None:
+            return {}
 
 
-def prior_from_proto(message: pb.Prior) -> Prior:
-    return contract_from_proto(message, Prior, "prior")
+def prior_from_proto(
+    message: orchestrator_pb2.CreateSessionRequest | registrar_pb2.RegistrationSettings,
+) -> AnyPrior | None:
+    """The prior of a message with `prior` and `pose_prior`; None if neither is there.
+
+    Raises:
+        InvalidInput: both are there, or a value out of its limits.
+    """
+    if message.HasField("pose_prior"):
+        if message.HasField("prior"):
+            raise InvalidInput("Both prior and pose_prior are given.", "Send one of them.")
+        return contract_from_proto(message.pose_prior, PosePrior, "pose_prior")
+    return contract_from_proto(message.prior, Prior, "prior") if message.HasField("prior") else None
 
 
 def estimate_to_proto(estimate: Estimate) -> pb.Estimate:

@@ -13,8 +13,9 @@ import numpy as np
 
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
 from pretouch.geometry import Plane, Pose
+from pretouch.prior import AnyPrior, PosePrior, Prior
 from pretouch.session import (
     Budget,
     BudgetUsed,
@@ -49,6 +50,7 @@ __all__ = [
     "estimate_to_json",
     "pose_from_json",
     "pose_to_json",
+    "prior_from_json",
     "progress_from_json",
     "progress_to_json",
     "request_from_json",
@@ -65,13 +67,14 @@ __all__ = [
 ]
 
 _SETTINGS: dict[str, type] = {
-    "prior": Prior,
     "tolerance": Tolerance,
     "budget": Budget,
     "sensor": Sensor,
     "scan": ScanSettings,
 }
 """The members of a request that are contract types of their own."""
+_ROWS = 6
+"""Rows of a covariance."""
 _OF_IMAGE = ("depth_scale", "width", "height")
 """The members of a request that JSON has in its camera."""
 _Choice = TypeVar("_Choice", bound=StrEnum)
@@ -91,6 +94,8 @@ def request_to_json(request: SessionRequest) -> dict[str, Any]:
         **{name: object_to_json(getattr(request, name)) for name in _SETTINGS},
         "planner": request.planner.value,
     }
+    if request.prior is not None:
+        document["prior"] = object_to_json(request.prior)
     if request.roi is not None:
         document["roi"] = list(request.roi)
     if request.table is not None:
@@ -109,7 +114,7 @@ def request_from_json(document: object) -> SessionRequest:
         InvalidInput: an unknown member, a wrong type, a value out of its limits.
         Malformed: a number that is not finite.
     """
-    known = ("camera", "base_T_camera", "roi", "table", "base_T_object", *_SETTINGS, "proposer", "planner")
+    known = ("camera", "base_T_camera", "roi", "table", "base_T_object", "prior", *_SETTINGS, "proposer", "planner")
     members = Members(document, "", known)
     camera = members.members("camera", (*names_in_json(Camera), *_OF_IMAGE))
     given: dict[str, Any] = {}
@@ -124,6 +129,8 @@ def request_from_json(document: object) -> SessionRequest:
         given["table"] = _read_table(members.members("table", names_in_json(Plane)))
     if "base_T_object" in members:
         given["base_T_object"] = members.pose("base_T_object")
+    if "prior" in members:
+        given["prior"] = prior_from_json(members.get("prior"))
     for name, kind in _SETTINGS.items():
         if name in members:
             given[name] = object_from_json(members.members(name, names_in_json(kind)), kind)
@@ -132,6 +139,22 @@ def request_from_json(document: object) -> SessionRequest:
     if "planner" in members:
         given["planner"] = _read_choice(members, "planner", Planner)
     return SessionRequest(camera=object_from_json(camera, Camera), base_T_camera=members.pose("base_T_camera"), **given)
+
+
+def prior_from_json(value: object, path: str = "prior") -> AnyPrior:
+    """Standard deviations, or a mean and a covariance of 6 rows or of 36 numbers.
+
+    Raises:
+        InvalidInput: an unknown member, a wrong type, a value out of its limits.
+        Malformed: a number that is not finite.
+    """
+    of_pose = names_in_json(PosePrior)
+    if not (isinstance(value, dict) and any(name in value for name in of_pose)):
+        return object_from_json(Members(value, path, names_in_json(Prior)), Prior)
+    covariance = value.get("covariance")
+    if isinstance(covariance, list) and len(covariance) == _ROWS**2:
+        value = value | {"covariance": [covariance[k : k + _ROWS] for k in range(0, _ROWS**2, _ROWS)]}
+    return object_from_json(Members(value, path, of_pose), PosePrior)
 
 
 def _read_table(members: Members) -> Plane:

@@ -67,7 +67,7 @@ def request_to_proto(
         height=request.height,
         base_t_camera=common.pose_to_proto(request.base_T_camera),
         depth=common.array_to_proto(depth, "u2" if depth.dtype == np.uint16 else "f4"),
-        prior=common.prior_to_proto(request.prior),
+        **common.prior_to_proto(request.prior),
         tolerance=pb.Tolerance(**common.contract_to_proto(request.tolerance)),
         budget=pb.Budget(**common.contract_to_proto(request.budget)),
         sensor=common.sensor_to_proto(request.sensor),
@@ -124,7 +124,7 @@ def request_from_proto(
     request = SessionRequest(
         camera=common.contract_from_proto(message.camera, Camera, "camera"),
         base_T_camera=base_T_camera,
-        prior=common.prior_from_proto(message.prior),
+        prior=common.prior_from_proto(message),
         tolerance=common.contract_from_proto(message.tolerance, Tolerance, "tolerance"),
         budget=common.contract_from_proto(message.budget, Budget, "budget"),
         sensor=common.sensor_from_proto(message.sensor),

@@ -183,7 +183,7 @@ def _rematch(step: Step, protocol: Protocol, registrar: Registrar) -> Step:
     if protocol.leader in (None, protocol.engine):
         return step
     record = step.record
-    settings = Settings(protocol.engine, record.request.prior, record.request.sensor)
+    settings = Settings(protocol.engine, record.prior, record.request.sensor)
     started = time.perf_counter()
     estimate = registrar.register(record.scene, record.measured, settings)
     return Step(replace(record, estimate=estimate), time.perf_counter() - started)

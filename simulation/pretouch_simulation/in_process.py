@@ -8,7 +8,8 @@ from pretouch_detector.proposals import propose
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
 
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
+from pretouch.prior import AnyPrior
 from pretouch.rectangle import ProposedRegion
 from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
@@ -35,12 +36,12 @@ class InProcessRegistrar:
     def __init__(self, engine: Engine, registrar: Registrar) -> None:
         self._engine, self._registrar = engine, registrar
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+    async def register(self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> Estimate:
         """See `upstream.interfaces.Registrar`."""
         return self._registrar.register(scene, scans, Settings(self._engine, prior, sensor))
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, candidates: Sequence[Candidate]
     ) -> list[list[Prediction]]:
         """See `upstream.interfaces.Registrar`."""
         return self._registrar.predict(scene, scans, Settings(self._engine, prior, sensor), candidates)

@@ -15,6 +15,7 @@ from pretouch_registrar.registration import Registrar, Settings
 from scipy.spatial import cKDTree
 
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import State
 from pretouch.tof import Scan
@@ -36,7 +37,7 @@ async def run_case(case: Case, protocol: Protocol, registrar: Registrar) -> list
     record = await loop_of(protocol, registrar).open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
     opening = time.perf_counter() - started
     true_cloud = case.truth.apply(case.cloud)
-    settings = Settings(protocol.engine, request.prior, request.sensor)
+    settings = Settings(protocol.engine, request.prior or Prior(), request.sensor)
     scans: list[Scan] = []
     outcomes: list[Outcome] = []
     length = 0.0

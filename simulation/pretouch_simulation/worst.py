@@ -137,7 +137,7 @@ def _flat_share(case: Case, scan: Scan, kinds: NDArray[np.str_]) -> float:
 
 def _second_place(case: Case, record: Record, engine: Engine) -> tuple[float, float] | None:
     """Distance of the engine's second mode from its best one, and its error, m; None without a second mode."""
-    settings = Settings(engine, record.request.prior, record.request.sensor)
+    settings = Settings(engine, record.prior, record.request.sensor)
     others = Registrar().solve(record.scene, record.measured, settings).other_modes
     if len(others) == 0:
         return None

@@ -40,8 +40,9 @@ from pretouch.errors import (
     problem,
     wire_of,
 )
-from pretouch.estimate import Estimate, Prior, from_prior, point_error
+from pretouch.estimate import Estimate, from_prior, point_error
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import RangeSamples
@@ -196,7 +197,7 @@ def estimate(scene: Scene, scans: int, samples: int, prior: Prior) -> Estimate:
     if scans == 0:
         return from_prior(prior, scene.cloud)
     share = 1 - SHRINK**-scans
-    covariance = prior.covariance() * SHRINK ** (-2 * scans)
+    covariance = prior.covariance * SHRINK ** (-2 * scans)
     expected, quantile = point_error(covariance, scene.cloud, scene.centroid)
     correction = Pose.of(np.eye(3), share * np.array([0.010, -0.005, 0.004]))
     return Estimate(
@@ -257,7 +258,7 @@ class _Registrar(registrar_pb2_grpc.RegistrarServiceServicer):
         scene = self._find_scene(request, context)
         scans = [wire.scan_from_proto(scan) for scan in request.scans]
         used = [scan for scan in scans if len(scan)]
-        prior = wire.prior_from_proto(request.settings.prior)
+        prior = wire.prior_from_proto(request.settings) or Prior()
         answer = estimate(scene, len(used), sum(map(len, used)), prior)
         return self.upstream.changed(answer) if used else answer
 

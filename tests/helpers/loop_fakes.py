@@ -16,8 +16,9 @@ from pretouch_orchestrator.sessions.record import Record
 
 from helpers.scenes import Box, View, World
 from pretouch.errors import Unavailable
-from pretouch.estimate import Estimate, Prior, from_prior, point_error
+from pretouch.estimate import Estimate, from_prior, point_error
 from pretouch.geometry import Plane, Pose
+from pretouch.prior import Prior
 from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
@@ -73,7 +74,7 @@ class FormulaRegistrar:
         if returns == 0:
             estimate = from_prior(prior, scene.cloud)
             return replace(estimate, fit=self.fit, sensor_problem=self.sensor_problem) if scans else estimate
-        covariance = prior.covariance() / (1 + self.gain * returns) ** 2
+        covariance = prior.covariance / (1 + self.gain * returns) ** 2
         about = Pose.of(CORRECTION.rotation, CORRECTION.translation)
         expected, quantile = point_error(covariance, about.apply(scene.cloud), about.apply(scene.centroid))
         return Estimate(

@@ -12,6 +12,7 @@ from pretouch.camera import DepthImage
 from pretouch.errors import Internal, problem
 from pretouch.estimate import Mode
 from pretouch.geometry import Plane, Pose
+from pretouch.prior import Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, State
@@ -38,7 +39,7 @@ def a_record(session_id: str = "one") -> Record:
         Plane(np.array([0.0, 0.1, 1.0]) / np.sqrt(1.01), -1e-3 / 3),
     )
     scene, origin = whole.cropped(0.05)
-    estimate = fake_upstream.estimate(scene, 1, 40, request.prior)
+    estimate = fake_upstream.estimate(scene, 1, 40, request.prior or Prior())
     other = Pose.from_rotation_vector([0, 0.2, 0], [0.01, 0, 0])
     tip = np.stack([Pose.from_rotation_vector([0, 0.1 * k, 0.3], [k / 3, 0, 0.1]).matrix for k in range(4)])
     return Record(

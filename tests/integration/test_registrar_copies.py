@@ -20,7 +20,7 @@ from pretouch_orchestrator.upstream.ring import rank_copies
 
 from pretouch.channel import open_channel
 from pretouch.errors import Overloaded, RefusedForSize, Unavailable
-from pretouch.estimate import Prior
+from pretouch.prior import Prior
 from pretouch.tof import Scan, Sensor
 from pretouch.v1 import registrar_pb2_grpc
 from pretouch.wire.common import scene_from_proto

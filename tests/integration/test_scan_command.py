@@ -18,9 +18,10 @@ from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import Case, make_case
 
 from pretouch.cli import main
-from pretouch.estimate import Estimate, Mode, Prior, from_prior
+from pretouch.estimate import Estimate, Mode, from_prior
 from pretouch.geometry import Array, Pose, vector_from_rotation
 from pretouch.mesh_target import MeshTarget
+from pretouch.prior import Prior
 from pretouch.wire.json import estimate_from_json
 from pretouch.wire.reader import Members
 
@@ -249,7 +250,7 @@ def test_options_reach_the_engine(register: Any, files: Files) -> None:
     wide = register(*arguments, "--range-std", 0.01, "--beam-half-angle", 0.2).estimate
     assert wide.expected_error > plain.expected_error
     paper = register(*arguments, "--engine", "paper").estimate
-    np.testing.assert_allclose(paper.covariance, Prior().covariance())
+    np.testing.assert_allclose(paper.covariance, Prior().covariance)
 
 
 def test_a_report_shows_before_and_after(register: Any, files: Files, tmp_path: Path) -> None:

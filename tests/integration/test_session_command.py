@@ -18,7 +18,8 @@ from helpers.terminals import Terminal
 
 from pretouch.cli import main
 from pretouch.errors import NotFound
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
+from pretouch.prior import Prior
 from pretouch.session import Planner, Proposer, Session, State
 
 

@@ -42,7 +42,7 @@ def test_a_session_corrects_the_pose_by_all_modules(model: FingerModel) -> None:
     assert len(record.measured[0]) == record.scans[0].samples
     assert CASE.is_covered_by(record.estimate)
     assert CASE.error(record.estimate.base_T_correction) < 0.010
-    assert record.estimate.expected_error < 0.6 * from_prior(record.request.prior, record.scene.cloud).expected_error
+    assert record.estimate.expected_error < 0.6 * from_prior(record.prior, record.scene.cloud).expected_error
 
 
 def test_a_module_that_sees_the_other_finger_does_not_spoil_the_answer() -> None:

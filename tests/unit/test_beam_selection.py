@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.beam_selection import select_beams
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Pose, rotation_from_vector
+from pretouch.prior import Prior
 from pretouch.tof import Scan, Sensor
 
 WORLD = World((Box.standing((0.2, 0.06, 0.05), yaw=0.4),))

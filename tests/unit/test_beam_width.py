@@ -8,8 +8,9 @@ from helpers.scenes import KINECT, Box, World
 from pretouch_registrar.engines.beam_width import ASSUMED_HALF_ANGLE
 from pretouch_registrar.registration import Registrar, Settings
 
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Pose, rotation_from_vector
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 

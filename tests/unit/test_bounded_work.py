@@ -23,8 +23,8 @@ from pretouch_registrar.registration import Registrar, Settings
 from pretouch.camera import Camera, DepthImage
 from pretouch.cancellation import Cancellation, Cancelled, bind_cancellation
 from pretouch.errors import InvalidInput, RefusedForSize, TooLarge, UnknownScene
-from pretouch.estimate import Prior
 from pretouch.geometry import Plane, Pose
+from pretouch.prior import Prior
 from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
 from pretouch.session import ScanSettings, State

@@ -11,8 +11,9 @@ from pretouch_orchestrator.planning.path import PathPlanner
 from pretouch_orchestrator.planning.surroundings import BEYOND
 from scipy.spatial import KDTree
 
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import SCAN_MARGIN, Scene
 from pretouch.session import Region, ScanSettings

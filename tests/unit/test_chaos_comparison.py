@@ -13,7 +13,8 @@ from benchmarks.chaos.comparison import compare
 from benchmarks.chaos.ledger import Entry, Ledger
 from pretouch.client import Event
 from pretouch.errors import NotFound
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
+from pretouch.prior import Prior
 from pretouch.session import BudgetUsed, Planner, Proposer, ScanSummary, Session, State
 
 

@@ -27,8 +27,9 @@ from pretouch.errors import (
     Unavailable,
     unreachable,
 )
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.session import Planner, Proposer, ScanPlan, Session, SessionRequest, Skipped, State
 from pretouch.trajectory import Trajectory
 

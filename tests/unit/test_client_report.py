@@ -8,7 +8,8 @@ from helpers.client_kinds import opened
 from helpers.scripted_orchestrator import ScriptedOrchestrator
 
 from pretouch.errors import Internal, NotFound, Unavailable
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
+from pretouch.prior import Prior
 from pretouch.session import Planner, Proposer, Session, State
 
 SESSION = Session("s1", State.CONVERGED, Proposer.RANDOM, Planner.INFORMATION, (), from_prior(Prior(), np.eye(3)))

@@ -21,6 +21,7 @@ from pretouch_simulation.world import Body, World
 from pretouch.client import Reflex
 from pretouch.estimate import from_prior
 from pretouch.geometry import Array, Plane, Pose
+from pretouch.prior import Prior
 from pretouch.session import ScanSettings, SessionRequest
 from pretouch.trajectory import Trajectory
 
@@ -58,7 +59,7 @@ def planner_of(case: Case, guarded: bool) -> PathPlanner:
     """Before the first scan."""
     request = SessionRequest(case.camera, case.base_T_camera, depth_scale=1.0)
     scene, _, _ = prepare_scene(request, case.depth, case.mask)
-    return PathPlanner(scene, from_prior(request.prior, scene.cloud), ScanSettings(guarded=guarded))
+    return PathPlanner(scene, from_prior(request.prior or Prior(), scene.cloud), ScanSettings(guarded=guarded))
 
 
 def clearance_of(case: Case, path: Trajectory, guarded: bool, seed: int) -> float:

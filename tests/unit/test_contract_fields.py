@@ -14,8 +14,9 @@ from helpers.proto_comments import field_comments
 from pretouch_orchestrator.rest import examples
 
 from pretouch.camera import Camera
-from pretouch.estimate import Estimate, Mode, Prior, WeakDirection
+from pretouch.estimate import Estimate, Mode, WeakDirection
 from pretouch.geometry import Plane
+from pretouch.prior import PosePrior, Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import (
     Budget,
@@ -62,6 +63,7 @@ DERIVED = [
     Contract(Camera, common_pb2.Camera.DESCRIPTOR, "Camera", _REQUEST["camera"], in_json="+depth_scale +width +height"),
     Contract(Plane, common_pb2.Plane.DESCRIPTOR, "Plane", _REQUEST["table"]),
     Contract(Prior, common_pb2.Prior.DESCRIPTOR, "Prior", _REQUEST["prior"]),
+    Contract(PosePrior, common_pb2.PosePrior.DESCRIPTOR, "PosePrior", examples.POSE_PRIOR),
     Contract(Tolerance, orchestrator_pb2.Tolerance.DESCRIPTOR, "Tolerance", _REQUEST["tolerance"]),
     Contract(Budget, orchestrator_pb2.Budget.DESCRIPTOR, "Budget", _REQUEST["budget"]),
     Contract(Sensor, common_pb2.Sensor.DESCRIPTOR, "Sensor", _REQUEST["sensor"]),
@@ -96,7 +98,7 @@ WRITTEN = [
         orchestrator_pb2.CreateSessionRequest.DESCRIPTOR,
         "SessionRequest",
         _REQUEST | {"proposer": "deep"},
-        in_message="+depth +mask +idempotency_key",
+        in_message="+depth +mask +idempotency_key +pose_prior",
         in_json="-depth_scale -width -height",
     ),
     Contract(

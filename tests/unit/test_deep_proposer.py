@@ -16,7 +16,8 @@ from pretouch_detector.suppression import MAX_OVERLAP
 
 from pretouch.camera import Camera, DepthImage
 from pretouch.errors import InvalidInput
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.session import Proposer
 from pretouch.tof import Sensor

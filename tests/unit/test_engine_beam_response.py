@@ -13,8 +13,8 @@ from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.registration_problem import build_problem
 from pretouch_registrar.engines.residuals.cone import make_spot, spot_residual, trace_spot
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.tof import Sensor
 
 HALF_ANGLE = float(np.radians(12.5))

@@ -10,8 +10,8 @@ from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.inliers import Classification, classify_samples
 from pretouch_registrar.engines.registration_problem import RegistrationProblem, build_problem
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array, Pose, rotation_from_vector
+from pretouch.prior import Prior
 from pretouch.tof import Scan, Sensor
 
 HALF_ANGLE = float(np.radians(12.5))

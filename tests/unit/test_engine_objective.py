@@ -19,8 +19,8 @@ from pretouch_registrar.engines.objective import (
 from pretouch_registrar.engines.registration_problem import RegistrationProblem, build_problem
 from pretouch_registrar.engines.resources import Resources
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.tof import Scan, Sensor
 
 HALF_ANGLE = float(np.radians(12.5))

@@ -11,8 +11,8 @@ from pretouch_registrar.engines.icp import LAMBDA, MAX_DISTANCE, MIN_CORRESPONDE
 from pretouch_registrar.registration import Registrar, Settings
 from scipy.spatial import cKDTree
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Pose, rotation_from_vector
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
@@ -117,7 +117,7 @@ def test_engines_without_an_uncertainty_state_the_priors_at_least_and_predict_no
 ) -> None:
     _, scans = scanned(scene, (0.0, 0.0, 0.01))
     answer = REGISTRAR.register(scene, scans, Settings(engine=engine))
-    assert np.linalg.eigvalsh(answer.covariance - Prior().covariance()).min() > -1e-9
+    assert np.linalg.eigvalsh(answer.covariance - Prior().covariance).min() > -1e-9
     assert predict_errors(REGISTRAR, scene, scans, Settings(engine=engine), PATHS[:2]) == [answer.expected_error] * 2
 
 
@@ -154,7 +154,7 @@ def test_samples_that_determine_no_pose_leave_the_prior_or_a_wide_covariance(
     correction = answer.base_T_correction
     assert np.linalg.norm(correction.apply(scene.cloud) - scene.cloud, axis=1).mean() < 0.01
     assert answer.error_quantile > 0.02
-    free = answer.covariance[[0, 1, 2, 3, 4], [0, 1, 2, 3, 4]] / Prior().covariance().diagonal()[:5]
+    free = answer.covariance[[0, 1, 2, 3, 4], [0, 1, 2, 3, 4]] / Prior().covariance.diagonal()[:5]
     assert free.max() > 0.9
     if engine is not Engine.POINT_TO_PLANE or case in ("all misses", "half a metre away", "no object"):
         assert correction.is_close(Pose.identity(), 1e-12)

@@ -9,8 +9,8 @@ from pretouch_registrar.engines import camera_model
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.registration_problem import RegistrationProblem, build_problem
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.tof import Scan, Sensor
 
 SENSOR = Sensor(beam_half_angle=float(np.radians(12.5)))

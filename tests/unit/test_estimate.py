@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from pretouch.errors import InvalidInput, Malformed
-from pretouch.estimate import Estimate, Mode, Prior, from_prior
+from pretouch.estimate import Estimate, Mode, from_prior
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 
 HERE = Pose.from_rotation_vector((0.01, 0.02, 0.03), (0.004, -0.005, 0.006))
 THERE = Pose.from_rotation_vector((0.01, 0.02, -0.6), (0.004, 0.02, 0.006))

@@ -24,8 +24,9 @@ from pretouch_simulation.stable_pose import find_resting_poses
 from rich.console import Console
 
 from pretouch.errors import NotFound
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.tof import Sensor
 
 TRIALS = Recipe(Kind.TRIALS, Engine.PAPER, rectangles=12, scanned=0, trials=3)

@@ -25,8 +25,9 @@ from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.sessions.transitions import get_pending_plan
 
 from pretouch.errors import Conflict, Internal, InvalidInput, NotFound, Unavailable, problem
-from pretouch.estimate import Prior, point_error
+from pretouch.estimate import point_error
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.session import (
     Budget,
     Planner,
@@ -151,7 +152,7 @@ def test_the_tolerances_own_confidence_decides() -> None:
     loop = Loop(RandomDetector(), FormulaRegistrar(gain=1e-9))
     prior = Prior(0.001, 0.005)
     scene = opened(loop, asked(prior=prior)).scene
-    _, (low, middle, high) = point_error(prior.covariance(), scene.cloud, scene.centroid, (0.5, 0.95, 0.99))
+    _, (low, middle, high) = point_error(prior.covariance, scene.cloud, scene.centroid, (0.5, 0.95, 0.99))
     for confidence, limit in ((0.5, low), (0.95, middle), (0.99, high)):
         for factor, state in ((1.001, State.CONVERGED), (0.999, State.AWAITING_SCAN)):
             tolerance = Tolerance(float(limit * factor), confidence)

@@ -17,7 +17,7 @@ from pretouch_orchestrator.rest.bodies import parse_json
 from pydantic import TypeAdapter
 
 from pretouch.errors import Malformed
-from pretouch.estimate import Prior
+from pretouch.prior import Prior
 from pretouch.session import Budget, GatewaySpan, ScanSettings, Skipped, Tolerance
 from pretouch.tof import Sensor
 from pretouch.wire import json

@@ -11,8 +11,9 @@ from pretouch_orchestrator.planning.path import plan_paths
 from scipy.spatial import KDTree
 
 from pretouch.camera import DepthImage
-from pretouch.estimate import Estimate, Prior, from_prior
+from pretouch.estimate import Estimate, from_prior
 from pretouch.geometry import Array, Pose, rotation_from_vector
+from pretouch.prior import Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import ScanSettings

@@ -11,9 +11,10 @@ from pretouch_registrar.ray_casting import cast_rays
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.camera import DepthImage
-from pretouch.estimate import Prior, point_error
+from pretouch.estimate import point_error
 from pretouch.expected_error import compute_expected_errors
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
@@ -77,7 +78,7 @@ def outcomes(
 
 
 def left(problem: RegistrationProblem, path: Trajectory) -> np.ndarray:
-    return outcomes(problem, PRIOR.covariance(), Candidate(path))[0].covariance
+    return outcomes(problem, PRIOR.covariance, Candidate(path))[0].covariance
 
 
 def test_a_simulated_beam_ends_where_a_real_one_does_wherever_the_camera_saw(problem: RegistrationProblem) -> None:
@@ -108,7 +109,7 @@ def test_a_small_hole_in_the_object_s_depth_is_not_taken_for_table() -> None:
 
 
 def test_a_path_over_bare_table_tells_its_height_and_nothing_sideways(problem: RegistrationProblem) -> None:
-    before, after = np.sqrt(np.diag(PRIOR.covariance())), np.sqrt(np.diag(left(problem, TABLE)))
+    before, after = np.sqrt(np.diag(PRIOR.covariance)), np.sqrt(np.diag(left(problem, TABLE)))
     assert after[5] < 0.8 * before[5]
     assert (after[3:5] > 0.75 * before[3:5]).all()
 
@@ -119,7 +120,7 @@ def test_a_path_across_the_edges_leaves_less_than_one_on_the_top_and_that_less_t
     cloud = scene.cloud
     none, top, across = (
         point_error(covariance, cloud, problem.target.centroid)[0]
-        for covariance in (PRIOR.covariance(), left(problem, TOP), left(problem, ACROSS))
+        for covariance in (PRIOR.covariance, left(problem, TOP), left(problem, ACROSS))
     )
     assert across < 0.9 * top < 0.9 * none
 
@@ -128,12 +129,12 @@ def test_a_predicted_covariance_is_one(problem: RegistrationProblem) -> None:
     covariance = left(problem, ACROSS)
     np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
     assert (np.linalg.eigvalsh(covariance) > 0).all()
-    assert (np.linalg.eigvalsh(PRIOR.covariance() - covariance) > -1e-9).all()
+    assert (np.linalg.eigvalsh(PRIOR.covariance - covariance) > -1e-9).all()
 
 
 def test_the_number_of_modules_does_not_overstate_what_a_scan_tells(problem: RegistrationProblem) -> None:
     hand = replace(SENSOR, tip_T_module=(Pose.identity(),) * 3)
-    many = outcomes(problem, PRIOR.covariance(), Candidate(ACROSS), hand)[0].covariance
+    many = outcomes(problem, PRIOR.covariance, Candidate(ACROSS), hand)[0].covariance
     np.testing.assert_allclose(np.diag(many), np.diag(left(problem, ACROSS)), rtol=0.3)
 
 
@@ -149,7 +150,7 @@ def test_a_piece_tells_less_than_the_path_and_a_whole_span_as_much(problem: Regi
     candidate = Candidate(ACROSS, ((0.0, end), (0.0, 0.3 * end), (0.7 * end, end)))
     arms = np.random.default_rng(0).uniform(-0.04, 0.04, (50, 3))
     whole, *pieces = compute_expected_errors(
-        [left for left, _ in outcomes(problem, PRIOR.covariance(), candidate)],
+        [left for left, _ in outcomes(problem, PRIOR.covariance, candidate)],
         arms,
     )
     (alone,) = compute_expected_errors(left(problem, ACROSS)[None], arms)

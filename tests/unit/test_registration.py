@@ -10,8 +10,9 @@ from pretouch_registrar.engines import Engine, paper
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.errors import PretouchError
-from pretouch.estimate import Prior, point_error
+from pretouch.estimate import point_error
 from pretouch.geometry import Pose, rotation_from_vector, vector_from_rotation
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
@@ -108,8 +109,8 @@ def test_without_a_scan_the_prior_is_the_answer(scene: Scene) -> None:
     prior = Prior(0.02, 0.1)
     answer = REGISTRAR.register(scene, [], Settings(prior=prior))
     assert answer.base_T_correction.is_close(Pose.identity())
-    np.testing.assert_array_equal(answer.covariance, prior.covariance())
-    assert answer.expected_error == point_error(prior.covariance(), scene.cloud, scene.centroid)[0]
+    np.testing.assert_array_equal(answer.covariance, prior.covariance)
+    assert answer.expected_error == point_error(prior.covariance, scene.cloud, scene.centroid)[0]
 
 
 def test_a_scan_of_the_flat_top_alone_leaves_the_horizontal_free_and_says_so(scene: Scene) -> None:
@@ -173,7 +174,7 @@ def test_the_papers_engine_finds_a_small_shift_and_claims_no_certainty(scene: Sc
     scans = scans_of(scene, truth, PATHS)
     answer = REGISTRAR.register(scene, scans, Settings(engine=Engine.PAPER))
     assert mean_error(scene, truth, answer.base_T_correction) < mean_error(scene, truth, Pose.identity())
-    np.testing.assert_array_equal(answer.covariance, Prior().covariance())
+    np.testing.assert_array_equal(answer.covariance, Prior().covariance)
     assert (
         predict_errors(REGISTRAR, scene, scans, Settings(engine=Engine.PAPER), PATHS[:2]) == [answer.expected_error] * 2
     )

@@ -8,8 +8,9 @@ from helpers.registration_probe import WORLD, line, session
 from helpers.scenes import World
 from pretouch_registrar.registration import Registrar, Settings
 
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Plane, Pose
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
@@ -21,7 +22,7 @@ DOWN = np.array([0.0, 0.0, -1.0])
 
 def widest(answer: Estimate, prior: Prior) -> float:
     """The largest variance of the answer in any direction, in units of the prior's there."""
-    scale = 1.0 / np.sqrt(np.diag(prior.covariance()))
+    scale = 1.0 / np.sqrt(np.diag(prior.covariance))
     return float(np.linalg.eigvalsh(answer.covariance * np.outer(scale, scale)).max())
 
 
@@ -82,4 +83,4 @@ def test_no_samples_leave_more_uncertain_than_the_prior(case: str, prior: Prior,
 def test_an_object_below_the_given_table_is_registered_within_the_prior(table: Plane) -> None:
     scene, scans, settings = session(0.0)
     estimate = REGISTRAR.register(replace(scene, table=table), scans, settings)
-    assert np.linalg.eigvalsh(settings.prior.covariance() - estimate.covariance).min() > -1e-12
+    assert np.linalg.eigvalsh(settings.prior.covariance - estimate.covariance).min() > -1e-12

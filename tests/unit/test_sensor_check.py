@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pretouch_orchestrator.perception.sensor_check import Diagnosis, Fault, diagnose, drop_modules, summarize
 
-from pretouch.estimate import Estimate, Prior, from_prior
+from pretouch.estimate import Estimate, from_prior
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.tof import RangeSamples, Sensor
 

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from rich.console import Console, RenderableType
 
 from pretouch.errors import Internal, problem
-from pretouch.estimate import Mode, Prior, WeakDirection, from_prior
+from pretouch.estimate import Mode, WeakDirection, from_prior
 from pretouch.exhaustion import Exhaustion, exhaustion_problem
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.session import Planner, Proposer, ScanPlan, ScanSummary, Session, State
 from pretouch.session_command.ending import describe_cancellation, describe_purge
 from pretouch.session_command.options import open_console, print_paragraphs

@@ -21,8 +21,9 @@ from pretouch_simulation.protocol import Case, make_case
 from pretouch_simulation.report import save_report
 from rich.console import Console
 
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
 from pretouch.geometry import Plane, Pose
+from pretouch.prior import Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import BudgetUsed, Planner, Proposer, Region, ScanSummary, Session, State

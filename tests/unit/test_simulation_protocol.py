@@ -11,8 +11,9 @@ from pretouch_simulation.protocol import Case, draw_hidden_offset, generator, ma
 from pretouch_simulation.stable_pose import stand
 
 from pretouch.errors import InvalidInput
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
 from pretouch.geometry import Pose, vector_from_rotation
+from pretouch.prior import Prior
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +83,7 @@ def test_the_camera_stands_where_the_protocol_says(case: Case) -> None:
 
 
 def estimate_of(pose: Pose, case: Case, scale: float) -> Estimate:
-    return Estimate(pose, case.cloud.mean(axis=0), Prior().covariance() * scale, 0.01, 0.02)
+    return Estimate(pose, case.cloud.mean(axis=0), Prior().covariance * scale, 0.01, 0.02)
 
 
 def test_coverage_asks_whether_the_truth_is_in_the_stated_region(case: Case) -> None:

@@ -10,8 +10,9 @@ from pretouch_orchestrator.planning.path import plan_paths
 from pretouch_registrar.registration import Registrar, Settings
 from scipy.stats import spearmanr
 
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import Proposer, ScanSettings

@@ -11,6 +11,7 @@ import pytest
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput, Malformed, TooLarge
 from pretouch.geometry import Pose
+from pretouch.prior import Prior
 from pretouch.session import SessionRequest, Skipped
 from pretouch.tof import MAX_SAMPLES, RangeSamples
 from pretouch.wire.json import request_from_json, request_to_json, submission_from_json, submission_to_json
@@ -18,7 +19,13 @@ from pretouch.wire.json import request_from_json, request_to_json, submission_fr
 _POSE = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1]}
 _SAMPLE = {"t": 0, "base_T_tip": _POSE, "range": 0.03, "status": 0}
 _REQUEST = request_to_json(
-    SessionRequest(Camera(525, 525, 319.5, 239.5), Pose.identity(), roi=(0, 0, 640, 480), base_T_object=Pose.identity())
+    SessionRequest(
+        Camera(525, 525, 319.5, 239.5),
+        Pose.identity(),
+        roi=(0, 0, 640, 480),
+        base_T_object=Pose.identity(),
+        prior=Prior(),
+    )
 ) | {"table": {"normal": [0, 0, 1], "offset": 0}}
 
 

@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.priors import pose_priors
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput, Malformed, TooLarge
-from pretouch.estimate import Estimate, Mode, Prior, WeakDirection, from_prior
+from pretouch.estimate import Estimate, Mode, WeakDirection, from_prior
 from pretouch.geometry import Plane, Pose
+from pretouch.prior import Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import (
     Budget,
@@ -79,7 +81,7 @@ requests = st.builds(
     roi=st.none() | st.tuples(*[st.integers(0, 100)] * 2, *[st.integers(101, 5000)] * 2),
     table=st.none() | planes,
     base_T_object=st.none() | poses,
-    prior=st.builds(Prior, shares, shares),
+    prior=st.none() | st.builds(Prior, shares, shares) | pose_priors,
     tolerance=st.builds(Tolerance, shares, st.floats(0.01, 0.9999)),
     budget=st.builds(Budget, st.integers(1, 1000), st.floats(0.1, 1e6), shares),
     sensor=st.builds(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pretouch.estimate import Prior
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 

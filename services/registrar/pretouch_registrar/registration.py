@@ -10,9 +10,10 @@ import numpy as np
 
 from pretouch.cancellation import check_cancelled
 from pretouch.errors import TooLarge, UnknownScene
-from pretouch.estimate import MIN_FIT, Estimate, Mode, Prior, from_prior, point_error, select_arms
+from pretouch.estimate import MIN_FIT, Estimate, Mode, from_prior, point_error, select_arms
 from pretouch.expected_error import compute_expected_errors
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.scan_prediction import Candidate, Prediction, check_pieces
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
@@ -160,12 +161,12 @@ class Registrar:
         problem = build_problem(model, scans, settings.prior, settings.sensor)
         check_cancelled()
         if not scans:
-            return problem, Solution(np.zeros(6), settings.prior.covariance())
+            return problem, Solution(np.zeros(6), settings.prior.covariance)
         try:
             with span("solve", {"pretouch.engine": settings.engine.value, "pretouch.scans": len(scans)}):
                 solution = solve(settings.engine, problem, model, self._resources)
         except np.linalg.LinAlgError:  # a scene that no camera sees, whose numbers determine nothing
-            solution = Solution(np.zeros(6), settings.prior.covariance())
+            solution = Solution(np.zeros(6), settings.prior.covariance)
         if settings.engine is Engine.POSTERIOR and settings.sensor.beam_half_angle == 0.0:
             assumed = replace(settings.sensor, beam_half_angle=ASSUMED_HALF_ANGLE)
             wide = build_problem(model, scans, settings.prior, assumed)
@@ -181,12 +182,12 @@ def _mix_with_prior(solution: Solution, prior: Prior) -> Solution:
     Below a p-value of MIN_FIT the prior's share grows as the fit gets worse. If the solution contradicts the prior,
     one of the two is wrong, and the prior is returned. In no direction is the covariance wider than the prior's.
     """
-    sigmas = np.abs(solution.x) / np.sqrt(np.diag(prior.covariance()))
+    sigmas = np.abs(solution.x) / np.sqrt(np.diag(prior.covariance))
     share = 1.0 if sigmas.max() > _MAX_PRIOR_SIGMAS else max(0.0, 1.0 - solution.fit / MIN_FIT)
     mean = (1.0 - share) * solution.x
     between = share * (1.0 - share) * np.outer(solution.x, solution.x)
-    covariance = (1.0 - share) * solution.covariance + share * prior.covariance() + between
-    return replace(solution, x=mean, covariance=_bound_covariance(covariance, prior.covariance()))
+    covariance = (1.0 - share) * solution.covariance + share * prior.covariance + between
+    return replace(solution, x=mean, covariance=_bound_covariance(covariance, prior.covariance))
 
 
 def _bound_covariance(covariance: Array, bound: Array) -> Array:

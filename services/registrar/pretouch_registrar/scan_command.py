@@ -12,8 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from pretouch.errors import InvalidInput, Unavailable
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
 from pretouch.geometry import Plane, Pose, vector_from_rotation
+from pretouch.prior import Prior
 from pretouch.results import STANDARD_OUTPUT, check_file, write_json
 from pretouch.tof import Sensor
 from pretouch.wire.json import estimate_to_json

@@ -10,6 +10,7 @@ import grpc
 from google.protobuf.message import DecodeError
 
 from pretouch.errors import InvalidInput, Malformed, TooLarge
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.serving import ServiceContext
 from pretouch.tof import Scan
@@ -43,7 +44,7 @@ def settings_from_proto(message: pb.RegistrationSettings, default: Engine) -> Se
     except ValueError:
         known = ", ".join(engine.value for engine in Engine)
         raise InvalidInput(f"There is no engine {message.engine!r}.", f"Choose one of {known}.") from None
-    return Settings(engine, prior_from_proto(message.prior), sensor_from_proto(message.sensor))
+    return Settings(engine, prior_from_proto(message) or Prior(), sensor_from_proto(message.sensor))
 
 
 @dataclass

@@ -11,8 +11,9 @@ from rich.table import Table
 from scipy.stats import spearmanr
 
 from pretouch.errors import NotFound
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 
 _SAME = 1e-3
 """Relative tolerance of a value stored in single precision against one recomputed from stored depth."""

@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch.errors import Unavailable
-from pretouch.estimate import Prior, from_prior
+from pretouch.estimate import from_prior
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import Sensor

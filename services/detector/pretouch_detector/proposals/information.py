@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.scene import SCAN_MARGIN, Scene
 from pretouch.tof import Sensor
 from pretouch_detector.proposals.displaced import average_square_errors
@@ -66,11 +66,11 @@ def predict_errors_after_scans(
     independent = _INDEPENDENT * (lengths / _INDEPENDENT_LENGTH) ** _INDEPENDENT_POWER / _BEAMS
     shifts = _DISPLACED * (prior.translation_std, prior.translation_std, prior.rotation_std)
     lever = _compute_lever(seen.spread)
-    precision = np.diag(1.0 / np.diag(prior.covariance()))
+    precision = np.diag(1.0 / np.diag(prior.covariance))
     squares = average_square_errors(
         _linearise_beams(seen, sensor), seen.grid, ways, independent, shifts, precision, lever
     )
-    return np.sqrt(squares), float(np.sqrt(np.trace(lever.T @ prior.covariance() @ lever)))
+    return np.sqrt(squares), float(np.sqrt(np.trace(lever.T @ prior.covariance @ lever)))
 
 
 def _compute_lever(spread: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.camera import DepthImage
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.session import SessionRequest
 from pretouch.session_warning import SessionWarning
@@ -48,7 +49,7 @@ def prepare_scene(
     found = find_object(depth, camera, request.base_T_camera, roi, mask, request.table)
     whole = found.scene
     warnings += [*found.warnings, *check_placement(request, whole, found.seen)]
-    prior = request.prior
+    prior = request.prior or Prior()
     scene, origin = whole.cropped(
         _CROP_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))
     )

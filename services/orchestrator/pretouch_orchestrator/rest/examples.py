@@ -22,8 +22,9 @@ from pretouch.errors import (
     UnsupportedMedia,
     problem,
 )
-from pretouch.estimate import Estimate, Prior, WeakDirection, from_prior
+from pretouch.estimate import Estimate, WeakDirection, from_prior
 from pretouch.geometry import Plane, Pose
+from pretouch.prior import PosePrior, Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import (
     BudgetUsed,
@@ -40,6 +41,7 @@ from pretouch.session import (
 from pretouch.session_warning import SessionWarning
 from pretouch.trajectory import Trajectory
 from pretouch.wire.json import progress_to_json, request_to_json, scan_plan_to_json, session_to_json
+from pretouch.wire.json_objects import object_to_json
 
 _BOX = np.array([(x, y, z) for x in (0.41, 0.49) for y in (-0.03, 0.03) for z in (0.0, 0.05)])
 """Corners of the object, m, in base."""
@@ -57,6 +59,7 @@ _REQUEST = SessionRequest(
     roi=(200, 120, 440, 360),
     table=Plane(np.array([0.0, 0.0, 1.0]), 0.0),
     base_T_object=_OBJECT,
+    prior=Prior(),
 )
 _PLAN = ScanPlan(
     "scan-1",
@@ -113,6 +116,13 @@ MINIMAL_REQUEST: dict[str, Any] = {
     "base_T_camera": COMPLETE_REQUEST["base_T_camera"],
 }
 """The members that have no default."""
+POSE_PRIOR = object_to_json(
+    PosePrior(
+        Pose.from_rotation_vector((0.0, 0.0, 0.01), (0.003, -0.008, 0.001)),
+        np.diag([1e-4, 1e-4, 4e-4, 9e-6, 9e-6, 4e-6]),
+    )
+)
+"""What a pose estimator states that knows the object to some 3 mm and 1 deg."""
 CREATED = session_to_json(_CREATED)
 CONVERGED = session_to_json(_CONVERGED)
 SCAN_PLAN = scan_plan_to_json(_PLAN)
@@ -156,7 +166,7 @@ DEVICE_STATUS: dict[str, Any] = DEVICE | {
 }
 TIP_POSE: dict[str, Any] = {"t": 1767225600.0, "base_T_tip": SCAN_PLAN["waypoints"][0]["base_T_tip"]}
 DOCUMENTS: dict[str, list[dict[str, Any]]] = {
-    "SessionRequest": [MINIMAL_REQUEST, COMPLETE_REQUEST],
+    "SessionRequest": [MINIMAL_REQUEST, COMPLETE_REQUEST, MINIMAL_REQUEST | {"prior": POSE_PRIOR}],
     "Session": [CREATED, CONVERGED],
     "SessionList": [{"sessions": [CONVERGED], "next": None}],
     "ScanPlan": [SCAN_PLAN],

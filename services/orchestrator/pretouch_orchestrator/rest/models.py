@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field, create_model
 
-from pretouch import camera, estimate, geometry, session, session_warning, tof
+from pretouch import camera, estimate, geometry, prior, session, session_warning, tof
 from pretouch.tof import MAX_SAMPLES
 from pretouch.wire.contract import contract_fields
 from pretouch_orchestrator.rest.derived_model import (
@@ -27,6 +27,7 @@ _Pixel = Annotated[int, Field(ge=0, lt=2**31)]
 _Positive = Annotated[float, Field(gt=0)]
 _Share = Annotated[float, Field(gt=0, le=1)]
 _Std = Annotated[float, Field(ge=1e-6, le=1)]
+_Rows = Annotated[list[Annotated[list[float], Field(min_length=6, max_length=6)]], Field(min_length=6, max_length=6)]
 _Side = Annotated[int, Field(ge=1, le=100_000)]
 _OF_IMAGE = {
     field.name: field.description[:1].upper() + field.description[1:]
@@ -42,7 +43,10 @@ Camera = extend_model(
     height=(_Side | LeftOut, optional_field(_OF_IMAGE["height"])),
 )
 Plane = derive_model(geometry.Plane, StrictModel)
-Prior = derive_model(estimate.Prior, StrictModel, translation_std=_Std, rotation_std=_Std)
+Prior = derive_model(prior.Prior, StrictModel, translation_std=_Std, rotation_std=_Std)
+PosePrior = derive_model(
+    prior.PosePrior, StrictModel, covariance=_Rows | Annotated[list[float], Field(min_length=36, max_length=36)]
+)
 Tolerance = derive_model(
     session.Tolerance, StrictModel, error=_Share, confidence=Annotated[float, Field(gt=0, le=0.9999)]
 )
@@ -72,6 +76,7 @@ SessionRequest = derive_model(
     StrictModel,
     without=tuple(_OF_IMAGE),
     camera=Camera,
+    prior=Prior | PosePrior | LeftOut,
     roi=Annotated[list[_Pixel], Field(min_length=4, max_length=4)] | LeftOut,
 )
 

@@ -15,6 +15,7 @@ from pretouch.camera import DepthImage
 from pretouch.errors import RefusedForSize, TooLarge, Unavailable, problem
 from pretouch.estimate import Estimate, from_prior
 from pretouch.exhaustion import Exhaustion
+from pretouch.prior import Prior
 from pretouch.scan_prediction import Candidate
 from pretouch.session import GatewaySpan, Planner, Points, Region, ScanPlan, SessionRequest, Skipped, State, Submission
 from pretouch.session_warning import merge_warnings
@@ -111,7 +112,7 @@ class Loop:
         step = round(request.camera.fx / scene.camera.fx)
         seed = zlib.crc32(scene.depth.metres.tobytes())
         proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)
-        estimate = await self._run(from_prior, request.prior, scene.cloud)
+        estimate = await self._run(from_prior, request.prior or Prior(), scene.cloud)
         regions = tuple(
             Region(
                 f"region-{k}",
@@ -186,8 +187,7 @@ class Loop:
         scans = replace(record, measured=(*record.measured, scan)).registrable_scans
         if not scans:
             return _Registered(scan, record.estimate, faults)
-        request = record.request
-        estimate = await self._registrar.register(record.scene, scans, request.prior, request.sensor)
+        estimate = await self._registrar.register(record.scene, scans, record.prior, record.request.sensor)
         return _Registered(scan, estimate, faults)
 
     async def fetch_samples(self, span: GatewaySpan) -> RangeSamples:
@@ -243,7 +243,7 @@ class Loop:
         predicted = await self._registrar.predict(
             record.scene,
             record.registrable_scans,
-            request.prior,
+            record.prior,
             request.sensor,
             [Candidate(candidate.path, candidate.spans) for candidate in candidates],
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from pretouch.estimate import Estimate
 from pretouch.geometry import Array, Pose
+from pretouch.prior import AnyPrior, Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, Session, SessionRequest, State
@@ -23,6 +24,7 @@ class Record:
 
     Attributes:
         created: s since the Unix epoch.
+        request: what the client asked for; its `prior` is the session's, whoever chose it, or None for the default.
         scene: the part of the client's view around the object, which the other services are sent; every `step`-th
             pixel of a large image.
         origin: first pixel (u0, v0) of `scene` in the client's image; `regions` are in the client's pixels.
@@ -54,6 +56,11 @@ class Record:
     reason: dict[str, Any] | None = None
     warnings: tuple[SessionWarning, ...] = ()
     version: int = 0
+
+    @property
+    def prior(self) -> AnyPrior:
+        """What is believed before the first scan: fixed when the session is opened, and stored with the request."""
+        return self.request.prior or Prior()
 
     @property
     def step(self) -> int:

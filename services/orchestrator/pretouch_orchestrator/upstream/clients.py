@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from pretouch.errors import Unavailable, UnknownScene
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
+from pretouch.prior import AnyPrior
 from pretouch.rectangle import ProposedRegion
 from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
@@ -71,7 +72,7 @@ class RegistrarClient:
     def __init__(self, copies: Copies) -> None:
         self._copies = copies
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+    async def register(self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> Estimate:
         """See `interfaces.Registrar`."""
         request = registrar_pb2.RegisterRequest(
             scene_digest=scene.digest,
@@ -82,7 +83,7 @@ class RegistrarClient:
         return common.estimate_from_proto(answer.estimate)
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, candidates: Sequence[Candidate]
     ) -> list[list[Prediction]]:
         """See `interfaces.Registrar`."""
         request = registrar_pb2.PredictScansRequest(
@@ -103,8 +104,8 @@ class RegistrarClient:
             return await self._copies.call(method, request, _LONG, scene.digest)
 
 
-def _settings_to_proto(prior: Prior, sensor: Sensor) -> registrar_pb2.RegistrationSettings:
-    return registrar_pb2.RegistrationSettings(prior=common.prior_to_proto(prior), sensor=common.sensor_to_proto(sensor))
+def _settings_to_proto(prior: AnyPrior, sensor: Sensor) -> registrar_pb2.RegistrationSettings:
+    return registrar_pb2.RegistrationSettings(sensor=common.sensor_to_proto(sensor), **common.prior_to_proto(prior))
 
 
 class GatewayClient:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from pretouch.estimate import Estimate, Prior
+from pretouch.estimate import Estimate
+from pretouch.prior import AnyPrior
 from pretouch.rectangle import ProposedRegion
 from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
@@ -26,12 +27,12 @@ class Detector(Protocol):
 class Registrar(Protocol):
     """Estimates the object's pose, and predicts what a scan would improve."""
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+    async def register(self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> Estimate:
         """The estimate from all scans."""
         ...
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, candidates: Sequence[Candidate]
     ) -> list[list[Prediction]]:
         """For each candidate, what a scan of each of its pieces would leave and return."""
         ...

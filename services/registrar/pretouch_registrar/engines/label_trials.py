@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput
-from pretouch.estimate import Prior
 from pretouch.geometry import Array, frozen_array, rotations_from_vectors
+from pretouch.prior import Prior
 from pretouch_registrar.engines import icp, pcl, point_to_plane, so3
 from pretouch_registrar.engines.neighbours import Index, build_index
 from pretouch_registrar.engines.perimeter import enclose_blocks, find_in_blocks, find_near_perimeter, sort_by_tile
@@ -244,7 +244,7 @@ class _Scorer:
         moved = np.einsum("tij,nj->tni", turns, points - centre) + centre + self.moves[:, None, 3:]
         seen = view.camera.project(points).astype(np.float32)
         moved_seen = view.camera.project(moved).astype(np.float32)
-        prior = trials.prior.inverse_variances()
+        prior = 1.0 / np.diag(trials.prior.covariance)
         tiles = sort_by_tile(seen)
         self._seen = _Seen(points, np.ascontiguousarray(normals, dtype=np.float64), seen)
         in_order = np.ascontiguousarray(moved_seen[:, tiles])

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pretouch.estimate import Prior
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.tof import Scan, Sensor
 from pretouch_registrar.engines.beam_response import Cone, make_cone, make_thin_beam
 from pretouch_registrar.engines.camera_model import CameraModel, Footprint, Pixels
@@ -329,7 +329,7 @@ def build_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, senso
         float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), float(sensor.range_max),
     )  # fmt: skip
     table = Table(np.array(scene.table.normal), float(scene.table.offset))
-    inverse = prior.inverse_variances()
+    inverse = 1.0 / np.diag(prior.covariance)
     cone = make_cone(sensor.beam_half_angle) if _is_wide(sensor) else make_thin_beam()
     target = Target(np.array(scene.centroid), optics, table, model.pixels, model.footprint)
     shared = compute_shared_error(sensor, model.noise)
