@@ -14,11 +14,11 @@ from pretouch_orchestrator.calibration.observation import Evidence, Observation,
 from pretouch_orchestrator.calibration.regimes import Reading, Regime, filter_regimes, mix
 
 _PASSES = 3
-_SETTLED = 1e-3
+_SETTLED = 1e-2
 """rad or m: a change of the sides by less leaves no error of linearisation worth another pass."""
 _RECENT = 8
 """Sessions after a knock until the camera counts as steady again."""
-_MOVED, _SUSPECTED = 0.9, 0.5
+_MOVED, _SUSPECTED = 0.6, 0.3
 """Probabilities from which a knock is told, and a session that disagrees."""
 _WRONG = 0.5
 

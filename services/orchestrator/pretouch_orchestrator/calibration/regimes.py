@@ -16,15 +16,27 @@ import numpy as np
 from pretouch.geometry import Array, Pose, vector_from_rotation
 from pretouch_orchestrator.calibration import assumptions
 
-_MAX_REGIMES = 6
-_MIN_WEIGHT = 1e-6
+_MAX_REGIMES = 8
+_MIN_WEIGHT = 1e-4
 
 _ROTATIONS, _TRANSLATIONS = (
     grid.ravel() for grid in np.meshgrid(assumptions.ROTATION_STDS, assumptions.TRANSLATION_STDS, indexing="ij")
 )
 _GRID_WEIGHTS = np.log(np.outer(assumptions.ROTATION_WEIGHTS, assumptions.TRANSLATION_WEIGHTS).ravel())
-_CLASS_WEIGHTS = np.log(np.append(assumptions.NOISE_WEIGHTS, assumptions.WRONG_WEIGHT))
-_WALK = np.diag(np.tile([assumptions.WALK_ROTATION**2] * 3 + [assumptions.WALK_TRANSLATION**2] * 3, 2))
+_CLASS_WEIGHTS = np.log(
+    np.concatenate(
+        [assumptions.NOISE_WEIGHTS, np.full(len(assumptions.WRONG), assumptions.WRONG_WEIGHT / len(assumptions.WRONG))]
+    )
+)
+_RIGHT = len(assumptions.NOISE_WEIGHTS)
+_WALK, _PUSH = (
+    np.diag(np.tile([rotation**2] * 3 + [translation**2] * 3, 2))
+    for rotation, translation in (
+        (assumptions.WALK_ROTATION, assumptions.WALK_TRANSLATION),
+        (assumptions.PUSH_ROTATION, assumptions.PUSH_TRANSLATION),
+    )
+)
+_STATE = ("means", "covariances")
 
 
 class Reading(NamedTuple):
@@ -101,22 +113,22 @@ def filter_regimes(readings: list[Reading], mean: Array, covariance: Array) -> l
     """
     regimes: list[_Regime] = []
     for k, reading in enumerate(readings):
-        born = _branch(regimes, reading)
-        weights = born + _GRID_WEIGHTS
-        size = len(weights)
-        regimes.append(
-            _Regime(k, weights, np.tile(mean, (size, 1)), np.tile(covariance, (size, 1, 1)), reading.base_T_camera)
-        )
+        regimes += _begin(k, regimes, reading, (mean, covariance))
         _update(regimes, reading)
         regimes = _prune(regimes)
     return [_summarise(regime) for regime in regimes]
 
 
-def _branch(regimes: list[_Regime], reading: Reading) -> float:
-    """The log weight of a regime that begins with this reading; takes it from those that it would end."""
+def _begin(k: int, regimes: list[_Regime], reading: Reading, prior: tuple[Array, Array]) -> list[_Regime]:
+    """Regimes that begin with reading k, their weights taken from those that they would end.
+
+    A camera that was pushed a little is near where it was; in a second one nothing is left of what was known. What
+    differs from session to session is partly as it was before, partly as of any camera.
+    """
+    fresh = np.tile(prior[0], (len(_GRID_WEIGHTS), 1)), np.tile(prior[1], (len(_GRID_WEIGHTS), 1, 1))
     if not regimes:
-        return 0.0
-    born = []
+        return [_Regime(k, _GRID_WEIGHTS, *fresh, reading.base_T_camera)]
+    born, ended = [], []
     for regime in regimes:
         same = is_same_place(regime.pose, reading.base_T_camera)
         chance = assumptions.KNOCK
@@ -124,10 +136,28 @@ def _branch(regimes: list[_Regime], reading: Reading) -> float:
             chance = assumptions.REDECLARED
         elif len(regime.right) == 1:  # a regime of one wrong session: what follows is the first one's right beginning
             chance = assumptions.KNOCK + assumptions.WRONG_WEIGHT
-        born.append(regime.weight() + np.log(chance))
+        inherited = regime.weights + np.log(assumptions.INHERITED)
+        anew = regime.weight() + np.log1p(-assumptions.INHERITED) + _GRID_WEIGHTS
+        born.append(np.log(chance) + np.logaddexp(inherited, anew))
+        ended.append(regime.weights)
         regime.weights = regime.weights + np.log1p(-chance)
         regime.fixed = regime.fixed and same
-    return float(np.logaddexp.reduce(born))
+    weights = np.logaddexp.reduce(born, axis=0)
+    shares = np.exp(np.stack(ended) - np.logaddexp.reduce(ended, axis=0))
+    pushed = [
+        mix(shares[:, g], *(np.stack([getattr(regime, name)[g] for regime in regimes]) for name in _STATE))
+        for g in range(len(weights))
+    ]
+    return [
+        _Regime(k, weights + np.log(1 - assumptions.PUSHED), *fresh, reading.base_T_camera),
+        _Regime(
+            k,
+            weights + np.log(assumptions.PUSHED),
+            np.stack([mean for mean, _ in pushed]),
+            np.stack([covariance + _PUSH for _, covariance in pushed]),
+            reading.base_T_camera,
+        ),
+    ]
 
 
 def _update(regimes: list[_Regime], reading: Reading) -> None:
@@ -136,16 +166,21 @@ def _update(regimes: list[_Regime], reading: Reading) -> None:
     across = covariances @ reading.jacobian.T
     of_rotation, of_translation = (rows @ rows.T for rows in (reading.rows[:, :3], reading.rows[:, 3:]))
     residual = _ROTATIONS[:, None, None] ** 2 * of_rotation + _TRANSLATIONS[:, None, None] ** 2 * of_translation
-    wrong = assumptions.WRONG.rotation_std**2 * of_rotation + assumptions.WRONG.translation_std**2 * of_translation
     own = np.diag(reading.variances)
-    noise = np.concatenate([assumptions.NOISE_SCALES[:, None, None] ** 2 * own, (own + wrong)[None]])
+    noise = np.stack(
+        [scale**2 * own for scale in assumptions.NOISE_SCALES]
+        + [
+            own + off.rotation_std**2 * of_rotation + off.translation_std**2 * of_translation
+            for off in assumptions.WRONG
+        ]
+    )
     innovation = reading.values - means @ reading.jacobian.T
     information = np.linalg.inv((reading.jacobian @ across + residual)[:, :, None] + noise)
     pulls = (information @ innovation[:, :, None, :, None])[..., 0]
     fits = np.linalg.slogdet(information)[1] - (pulls * innovation[:, :, None]).sum(axis=-1)
     scores = 0.5 * fits + _CLASS_WEIGHTS
     first = [k for k, regime in enumerate(regimes) if not regime.right]
-    scores[first, :, -1] = -np.inf  # that the first one is wrong is the regime that begins with the next
+    scores[first, :, _RIGHT:] = -np.inf  # that the first one is wrong is the regime that begins with the next
     totals = np.logaddexp.reduce(scores, axis=-1)
     shares = np.exp(scores - totals[..., None])
     pull = np.einsum("rgc,rgck->rgk", shares, pulls)
@@ -157,7 +192,7 @@ def _update(regimes: list[_Regime], reading: Reading) -> None:
         regime.weights = regime.weights + totals[k]
         regime.means, regime.covariances = means[k], covariances[k]
         grid = np.exp(regime.weights - regime.weight())
-        regime.right.append(float(grid @ (1.0 - shares[k, :, -1])))
+        regime.right.append(float(grid @ shares[k, :, :_RIGHT].sum(axis=-1)))
 
 
 def _prune(regimes: list[_Regime]) -> list[_Regime]:

@@ -329,7 +329,7 @@ def build_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, senso
         float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), float(sensor.range_max),
     )  # fmt: skip
     table = Table(np.array(scene.table.normal), float(scene.table.offset))
-    inverse = prior.inverse_variances()
+    inverse = 1.0 / np.diag(prior.covariance)
     cone = make_cone(sensor.beam_half_angle) if _is_wide(sensor) else make_thin_beam()
     target = Target(np.array(scene.centroid), optics, table, model.pixels, model.footprint)
     shared = compute_shared_error(sensor, model.noise)
