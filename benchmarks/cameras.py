@@ -81,7 +81,7 @@ async def measure(sessions: int) -> None:
                     await store_ends(store, [end_of(done + k, rng) for k in range(batch)])
                     done += batch
                 read, estimate = np.median([await recall(store) for _ in range(_TIMES)], axis=0)
-                size = os.path.getsize(f"{folder}/{FILE_NAME}") / 1000
+                size = os.stat(f"{folder}/{FILE_NAME}").st_size / 1000
                 print(f"{count:8d} {read:8.1f} {estimate:12.1f} {size:9.0f}", flush=True)
 
 
