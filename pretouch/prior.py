@@ -17,6 +17,8 @@ _MIN_STD, _MAX_STD = 1e-6, 1.0
 """m or rad, bounds of a standard deviation: a much smaller variance would be lost in rounding errors."""
 _FLOOR_STD = 1e-5
 """m or rad: the standard deviation of a direction that a covariance says to be known better than this."""
+CONTRADICTION = 22.46
+"""Squared Mahalanobis distance of six components that one error in a thousand exceeds: beyond it a prior is wrong."""
 _ROUNDING = 1e-6
 """Share of sqrt(c_ii c_jj) that counts as a rounding error of c_ij."""
 
@@ -60,6 +62,15 @@ class Prior:
 
     def check_mean(self, centroid: Array) -> None:
         """Nothing: see `PosePrior.check_mean`."""
+
+    def is_contradicted_by(self, correction: Pose, centroid: Array, covariance: Array) -> bool:
+        """Never: see `PosePrior.is_contradicted_by`."""
+        return False
+
+    @property
+    def fallback(self) -> Prior:
+        """Itself: see `PosePrior.fallback`."""
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +128,41 @@ class PosePrior:
                 f"Need at most {MAX_SHIFT:g} m: check its unit and that it maps base to base, or correct base_T_camera "
                 "itself by it first.",
             )
+
+    def is_contradicted_by(self, correction: Pose, centroid: Array, covariance: Array) -> bool:
+        """Whether an estimate is too far from the mean for both to be right: it was then made without this prior.
+
+        Args:
+            correction: `base_T_correction` of the estimate.
+            centroid: (3,), m, in base, before correction.
+            covariance: (6, 6) of the estimate.
+        """
+        turn = vector_from_rotation(correction.rotation @ self.mean.rotation.T)
+        apart = np.concatenate([turn, correction.apply(centroid) - self.mean.apply(centroid)])
+        return bool(apart @ np.linalg.solve(self.covariance + covariance, apart) > CONTRADICTION)
+
+    def carried(self, before: Array, after: Array) -> PosePrior:
+        """The same belief about another point: of another object's centroid `after`, where this one is about `before`.
+
+        T_true c' - T_mean c' = (T_true c - T_mean c) + (R_true - R_mean)(c' - c), which is d + w x R_mean (c' - c) for
+        small errors (w, d).
+
+        Args:
+            before, after: (3,), m, in base before correction.
+        """
+        x, y, z = self.mean.rotate(np.subtract(after, before))
+        carry = np.eye(6)
+        carry[3:, :3] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+        return PosePrior(self.mean, carry @ self.covariance @ carry.T)
+
+    @property
+    def fallback(self) -> Prior:
+        """What is believed of errors about the mean once samples contradict the covariance: the default, or more."""
+        usual = Prior()
+        return Prior(
+            min(max(usual.translation_std, self.translation_std), _MAX_STD),
+            min(max(usual.rotation_std, self.rotation_std), _MAX_STD),
+        )
 
 
 AnyPrior = Prior | PosePrior

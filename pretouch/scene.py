@@ -92,6 +92,10 @@ class Scene:
         digest.update(np.array([*numbers, *table.normal, table.offset], dtype="<f8").tobytes())
         return digest.digest()
 
+    def moved(self, correction: Pose) -> Scene:
+        """The same view where `correction`, from base to base, puts camera, object and table."""
+        return Scene(self.depth, self.camera, correction @ self.base_T_camera, self.mask, self.table.moved(correction))
+
     def bounds(self) -> tuple[int, int, int, int]:
         """The mask's bounding box (u0, v0, u1, v1), half-open."""
         u, v = (np.flatnonzero(self.mask.any(axis=axis)) for axis in (0, 1))

@@ -14,6 +14,7 @@ from pretouch_registrar.registration import Registrar, Settings
 from pretouch.client import Reflex
 from pretouch.errors import PretouchError
 from pretouch.geometry import Pose
+from pretouch.prior import AnyPrior
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.evaluation_protocol import Protocol, finger_of, loop_of, request_of
 from pretouch_simulation.evaluation_rows import Detail, Outcome, Row, Run, RunKey
@@ -149,16 +150,25 @@ def _run_or_reuse_steps(
 
 
 async def run_session(
-    case: Case, protocol: Protocol, registrar: Registrar, upto: int | None = None, finger: Finger | None = None
+    case: Case,
+    protocol: Protocol,
+    registrar: Registrar,
+    upto: int | None = None,
+    finger: Finger | None = None,
+    prior: AnyPrior | None = None,
 ) -> list[Step]:
-    """Runs a session on `case`; its states after each of up to `upto` scans. `finger` replaces the protocol's own.
+    """Runs a session on `case`; its states after each of up to `upto` scans.
+
+    Args:
+        finger: replaces the protocol's own.
+        prior: what the session is told of the calibration error; None: nothing.
 
     Raises:
         PretouchError: the services refuse it.
     """
     loop = loop_of(protocol, registrar)
     finger = finger or finger_of(case, protocol)
-    request = replace(request_of(case, protocol), sensor=finger.sensor)
+    request = replace(request_of(case, protocol), sensor=finger.sensor, prior=prior)
     most = protocol.scans if upto is None else min(upto, protocol.scans)
     started = time.perf_counter()
     record = await loop.open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)

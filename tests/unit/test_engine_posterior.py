@@ -5,16 +5,19 @@ import pytest
 from helpers.scenes import KINECT, Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pretouch_registrar.engines.prior import CorrectionPrior
 from pretouch_registrar.engines.solvers import importance, smc
 from pretouch_registrar.engines.solvers.importance import Mode
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.geometry import Array
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
 
 REGISTRAR = Registrar()
+UNIT = CorrectionPrior.of(Prior(1.0, 1.0))
 
 
 def mixture(xs: Array, places: Array, std: float) -> Array:
@@ -40,7 +43,7 @@ def test_moments_of_two_places_are_those_of_their_mixture(seed: int, std: float,
 @given(st.integers(0, 2**16))
 def test_the_search_finds_a_narrow_place_anywhere_in_the_prior(seed: int) -> None:
     place = np.random.default_rng(seed).uniform(-1.7, 1.7, (1, 6))
-    xs, level = smc.sample_population(lambda x, factor: mixture(x, place, 0.15 * factor), np.ones(6))
+    xs, level = smc.sample_population(lambda x, factor: mixture(x, place, 0.15 * factor), UNIT)
     assert np.linalg.norm(xs[level.argmin()] - place[0]) < 0.3
     assert np.median(np.linalg.norm(xs - place[0], axis=1)) < 0.6
 

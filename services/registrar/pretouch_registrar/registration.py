@@ -12,8 +12,8 @@ from pretouch.cancellation import check_cancelled
 from pretouch.errors import TooLarge, UnknownScene
 from pretouch.estimate import MIN_FIT, Estimate, Mode, from_prior, point_error, select_arms
 from pretouch.expected_error import compute_expected_errors
-from pretouch.geometry import Array
-from pretouch.prior import Prior
+from pretouch.geometry import Array, Pose
+from pretouch.prior import AnyPrior, PosePrior, Prior
 from pretouch.scan_prediction import Candidate, Prediction, check_pieces
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
@@ -25,6 +25,7 @@ from pretouch_registrar.engines.beam_width import ASSUMED_HALF_ANGLE, is_wide_be
 from pretouch_registrar.engines.camera_model import CameraModel
 from pretouch_registrar.engines.goodness_of_fit import compute_p_value
 from pretouch_registrar.engines.inliers import classify_samples
+from pretouch_registrar.engines.prior import CorrectionPrior
 from pretouch_registrar.engines.registration_problem import (
     RegistrationProblem,
     build_problem,
@@ -44,8 +45,6 @@ _SCENES, _MODELS, _SOLUTIONS = 0.2, 0.4, 0.4
 """Shares of it for scenes, their models, and solutions, each of which keeps its model."""
 _SCENE_PIXEL, _MODEL_PIXEL, _MODEL_CELL, _SAMPLE = 32, 112, 60, 72
 """Bytes that a pixel takes of a scene and of its model, scene included; a cell of its footprint; a sample."""
-_MAX_PRIOR_SIGMAS = 2.6
-"""Standard deviations of the prior, per component, beyond which a correction contradicts it."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +52,16 @@ class Settings:
     """The engine, the prior and the sensor of a registration."""
 
     engine: Engine = Engine.POSTERIOR
-    prior: Prior = field(default_factory=Prior)
+    prior: AnyPrior = field(default_factory=Prior)
     sensor: Sensor = field(default_factory=Sensor)
+
+    @property
+    def digest(self) -> bytes:
+        """(16,): equal for equal settings, to the bit."""
+        prior = self.prior
+        numbers = np.concatenate([prior.mean.matrix.ravel(), prior.covariance.ravel()])
+        text = f"{self.engine} {type(prior).__name__} {self.sensor}"
+        return hashlib.blake2b(text.encode() + numbers.tobytes(), digest_size=16).digest()
 
 
 class Registrar:
@@ -104,15 +111,17 @@ class Registrar:
             InvalidInput: an object that is too large.
             TooLarge: more than MAX_SAMPLES samples.
         """
-        scene = self.remember(scene)
+        given = self.remember(scene)
+        scene = self._move(given, settings.prior)
         ordered = _select_scans(scene, scans, settings)
         if not ordered:
-            return from_prior(settings.prior, scene.cloud)
-        return _make_estimate(scene, *self._solve_cached(scene, ordered, settings))
+            return from_prior(settings.prior, given.cloud)
+        estimate = _make_estimate(scene, *self._solve_cached(scene, ordered, settings))
+        return estimate if scene is given else _before(estimate, settings.prior.mean, given.centroid)
 
     def solve(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> Solution:
-        """The engine's own solution behind `register`, with its other modes."""
-        scene = self.remember(scene)
+        """The engine's own solution behind `register`, with its other modes; about the prior's mean."""
+        scene = self._move(self.remember(scene), settings.prior)
         return self._solve_cached(scene, _select_scans(scene, scans, settings), settings)[1]
 
     def predict(
@@ -127,7 +136,7 @@ class Registrar:
             TooLarge: more than MAX_SAMPLES samples.
         """
         check_pieces(candidates)
-        scene = self.remember(scene)
+        scene = self._move(self.remember(scene), settings.prior)
         ordered = _select_scans(scene, scans, settings)
         problem, solution = self._solve_cached(scene, ordered, settings)
         truths = count_truths(problem, sum(len(candidate.pieces) for candidate in candidates))
@@ -144,20 +153,47 @@ class Registrar:
         arms = select_arms(cloud, scene.centroid + solution.x[3:])
         errors = compute_expected_errors([left for each in outcomes for left, _ in each], arms)
         if settings.engine in (Engine.PAPER, Engine.PCL):
-            errors[:] = self.register(scene, ordered, settings).expected_error
+            errors[:] = _make_estimate(scene, problem, solution).expected_error
         by_piece = iter(errors.tolist())
         return [[Prediction(next(by_piece), returns) for _, returns in each] for each in outcomes]
+
+    def _move(self, scene: Scene, prior: AnyPrior) -> Scene:
+        """The scene where the prior expects it: corrections of it have zero mean.
+
+        Raises:
+            InvalidInput: the prior's mean moves the object too far.
+        """
+        prior.check_mean(scene.centroid)
+        if prior.mean.is_close(Pose.identity(), 0.0):
+            return scene
+        key = scene.digest + prior.mean.matrix.tobytes()
+        return self._scenes.get_or_make(key, lambda: scene.moved(prior.mean))
 
     def _solve_cached(
         self, scene: Scene, scans: Sequence[Scan], settings: Settings
     ) -> tuple[RegistrationProblem, Solution]:
         """The problem and its solution, cached because `predict` follows `register` on the same scans."""
-        key = scene.digest + b"".join(_hash_scan(scan) for scan in scans) + repr(settings).encode()
+        key = scene.digest + b"".join(_hash_scan(scan) for scan in scans) + settings.digest
         return self._solutions.get_or_make(key, lambda: self._solve(scene, scans, settings))
 
     def _solve(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[RegistrationProblem, Solution]:
+        """The solution under the prior, or under its fallback if the samples contradict the prior."""
         model = self._models.get_or_make(scene.digest, lambda: camera_model.build(scene))
         check_cancelled()
+        problem, solution = self._solve_with(model, scans, settings)
+        prior = settings.prior
+        if isinstance(prior, PosePrior) and (solution.fit < MIN_FIT or problem.prior.find_excess(solution.x) > 0):
+            wide, found = self._solve_with(model, scans, replace(settings, prior=prior.fallback))
+            found = _mix_with_prior(found, wide.prior)
+            correction = pose_from_correction(found.x, scene.centroid)
+            about = PosePrior(Pose.identity(), prior.covariance)
+            if found.fit >= MIN_FIT and about.is_contradicted_by(correction, scene.centroid, found.covariance):
+                return wide, found
+        return problem, _mix_with_prior(solution, problem.prior)
+
+    def _solve_with(
+        self, model: CameraModel, scans: Sequence[Scan], settings: Settings
+    ) -> tuple[RegistrationProblem, Solution]:
         problem = build_problem(model, scans, settings.prior, settings.sensor)
         check_cancelled()
         if not scans:
@@ -173,36 +209,26 @@ class Registrar:
             if is_wide_beam(solution.x, problem, wide, self._resources):
                 problem, solution = wide, solve(settings.engine, wide, model, self._resources)
         fit = compute_p_value(classify_samples(solution.x, problem), problem, [len(scan) for scan in scans])
-        return problem, _mix_with_prior(replace(solution, fit=fit), settings.prior)
+        return problem, replace(solution, fit=fit)
 
 
-def _mix_with_prior(solution: Solution, prior: Prior) -> Solution:
+def _mix_with_prior(solution: Solution, prior: CorrectionPrior) -> Solution:
     """The solution, mixed with the prior if it does not explain the samples.
 
     Below a p-value of MIN_FIT the prior's share grows as the fit gets worse. If the solution contradicts the prior,
     one of the two is wrong, and the prior is returned. In no direction is the covariance wider than the prior's.
     """
-    sigmas = np.abs(solution.x) / np.sqrt(np.diag(prior.covariance))
-    share = 1.0 if sigmas.max() > _MAX_PRIOR_SIGMAS else max(0.0, 1.0 - solution.fit / MIN_FIT)
+    share = 1.0 if prior.is_contradicted_by(solution.x) else max(0.0, 1.0 - solution.fit / MIN_FIT)
     mean = (1.0 - share) * solution.x
     between = share * (1.0 - share) * np.outer(solution.x, solution.x)
     covariance = (1.0 - share) * solution.covariance + share * prior.covariance + between
-    return replace(solution, x=mean, covariance=_bound_covariance(covariance, prior.covariance))
-
-
-def _bound_covariance(covariance: Array, bound: Array) -> Array:
-    """The covariance (6, 6), in no direction wider than `bound` (6, 6): whitened by it, eigenvalues are at most 1."""
-    root = np.linalg.cholesky(bound)
-    whiten = np.linalg.inv(root)
-    values, vectors = np.linalg.eigh(whiten @ covariance @ whiten.T)
-    bounded = root @ (vectors * np.minimum(values, 1.0)) @ vectors.T @ root.T
-    return np.asarray(0.5 * (bounded + bounded.T), dtype=np.float64)
+    return replace(solution, x=mean, covariance=prior.bound(covariance))
 
 
 def _select_scans(scene: Scene, scans: Sequence[Scan], settings: Settings) -> list[Scan]:
     """The scans' beams near the object, in an order that does not depend on theirs; without empty or equal scans."""
     check_samples(scans)
-    near = (select_beams(scene, scan, settings.prior, settings.sensor) for scan in scans)
+    near = (select_beams(scene, scan, settings.prior.fallback, settings.sensor) for scan in scans)
     return [scan for _, scan in sorted({_hash_scan(scan): scan for scan in near if len(scan)}.items())]
 
 
@@ -230,6 +256,19 @@ def _weigh_solution(solved: tuple[RegistrationProblem, Solution]) -> int:
 def _hash_scan(scan: Scan) -> bytes:
     arrays = (scan.origins, scan.directions, scan.ranges)
     return hashlib.blake2b(b"".join(array.tobytes() for array in arrays), digest_size=16).digest()
+
+
+def _before(estimate: Estimate, mean: Pose, centroid: Array) -> Estimate:
+    """The estimate of a scene that `mean` has moved, as one of the scene before; `centroid` (3,), m, is that one's.
+
+    The covariance stays: the error at the moved centroid is that of the composed correction at the original one.
+    """
+    return replace(
+        estimate,
+        base_T_correction=estimate.base_T_correction @ mean,
+        centroid=centroid,
+        modes=tuple(Mode(mode.base_T_correction @ mean, mode.weight) for mode in estimate.modes),
+    )
 
 
 def _make_estimate(scene: Scene, problem: RegistrationProblem, solution: Solution) -> Estimate:

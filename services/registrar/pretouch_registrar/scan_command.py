@@ -19,6 +19,7 @@ from pretouch.results import STANDARD_OUTPUT, check_file, write_json
 from pretouch.tof import Sensor
 from pretouch.wire.json import estimate_to_json
 from pretouch_registrar.engines import Engine
+from pretouch_registrar.prior_file import read_prior
 from pretouch_registrar.registration import Registrar, Settings
 from pretouch_registrar.scan_files import Given, read_scan, read_target
 
@@ -72,6 +73,13 @@ def _register(
         float, typer.Option(help="How wrong the target may be: standard deviation per axis, m.")
     ] = Prior.translation_std,
     rotation_std: Annotated[float, typer.Option(help="The same for rotation, rad.")] = Prior.rotation_std,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            help="What is believed instead of the two: a .json file with base_T_correction and covariance, or an "
+            "earlier session's or --json's estimate. With a centroid, the covariance is carried to this target's."
+        ),
+    ] = None,
     range_std: Annotated[float, typer.Option(help="Standard deviation of one range, m.")] = Sensor.range_std,
     beam_half_angle: Annotated[
         float, typer.Option(help="Half angle of the beam's cone, rad; 0 is a thin beam.")
@@ -88,13 +96,12 @@ def _register(
             check_file(path)
     write_picture = _import_picture(report) if report is not None else None
     told = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
-    settings = Settings(
-        engine, Prior(translation_std, rotation_std), Sensor(range_std=range_std, beam_half_angle=beam_half_angle)
-    )
     base_T_object = Pose.from_quaternion(object_pose[:3], object_pose[3:]) if object_pose is not None else None
     given = Given(Plane(np.array(table[:3]), table[3]) if table is not None else None, viewpoint, base_T_object)
     scene = read_target(target, given, told.print)
     scans = [read_scan(path, scene.table, told.print) for path in source]
+    believed = Prior(translation_std, rotation_std) if prior is None else read_prior(prior, scene.centroid)
+    settings = Settings(engine, believed, Sensor(range_std=range_std, beam_half_angle=beam_half_angle))
     estimate = Registrar().register(scene, scans, settings)
     if sum(len(each) for each in scans) and not estimate.samples:
         told.print("No sample lies near the target: are both in base, in metres?")

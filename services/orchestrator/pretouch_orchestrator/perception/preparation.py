@@ -49,7 +49,7 @@ def prepare_scene(
     found = find_object(depth, camera, request.base_T_camera, roi, mask, request.table)
     whole = found.scene
     warnings += [*found.warnings, *check_placement(request, whole, found.seen)]
-    prior = request.prior or Prior()
+    prior = (request.prior or Prior()).fallback
     scene, origin = whole.cropped(
         _CROP_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))
     )

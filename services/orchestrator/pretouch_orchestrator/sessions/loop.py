@@ -44,6 +44,7 @@ from pretouch_orchestrator.sessions.transitions import (
     shortlist_options,
     skip_scan,
     update_regions,
+    warn_of_contradiction,
     warn_of_faults,
 )
 from pretouch_orchestrator.upstream.interfaces import Detector, Gateway, Registrar
@@ -171,7 +172,7 @@ class Loop:
         warnings = await self._run(inspect_submission, record, plan, submission)
         scan, estimate, faults = await self._register(record, submission)
         after = await self._run(apply_scan, record, plan, submission, scan, estimate)
-        warnings += warn_of_faults(plan, faults)
+        warnings += [*warn_of_faults(plan, faults), *warn_of_contradiction(record, estimate)]
         after = replace(after, warnings=merge_warnings(record.warnings, warnings))
         if record.estimate.sensor_problem and estimate.sensor_problem:
             return exhaust_session(after, Exhaustion.SENSOR)

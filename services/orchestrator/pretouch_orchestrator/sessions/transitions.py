@@ -9,6 +9,7 @@ import numpy as np
 
 from pretouch.errors import Conflict, NotFound
 from pretouch.estimate import Estimate
+from pretouch.geometry import vector_from_rotation
 from pretouch.session import Planner, Points, ScanPlan, ScanSummary
 from pretouch.session_warning import SessionWarning
 from pretouch.tof import RangeSamples, Scan
@@ -74,6 +75,25 @@ def warn_of_faults(plan: ScanPlan, faults: str) -> list[SessionWarning]:
             f"In {plan.scan_id}: {faults} These samples are left out.",
             "Look at what the finger sends with `pretouch gateway watch`; check its cable and supply, tip_T_module and "
             "the unit of its ranges.",
+        )
+    ]
+
+
+def warn_of_contradiction(record: Record, estimate: Estimate) -> list[SessionWarning]:
+    """That the samples contradict the session's prior, without which the estimate was then made; nothing if not."""
+    prior, centroid = record.prior, estimate.centroid
+    if not prior.is_contradicted_by(estimate.base_T_correction, centroid, estimate.covariance):
+        return []
+    apart = np.linalg.norm(estimate.base_T_correction.apply(centroid) - prior.mean.apply(centroid))
+    turn = vector_from_rotation(estimate.base_T_correction.rotation @ prior.mean.rotation.T)
+    return [
+        SessionWarning(
+            "prior-contradicted",
+            f"The finger finds the object {1000 * apart:.1f} mm and {np.degrees(np.linalg.norm(turn)):.1f} degrees "
+            f"from where the prior puts it, which states {1000 * prior.translation_std:.2g} mm and "
+            f"{np.degrees(prior.rotation_std):.2g} degrees. The estimate is made without it.",
+            "Check whether the camera was moved, and that the prior's covariance is in the order rotation vector, "
+            "translation, in rad and m, and not too small.",
         )
     ]
 

@@ -25,8 +25,8 @@ _CONTRADICTING, _CONTRADICTING_WIDE, _HIDDEN = 4.0, 1.2, 0.6
 share of returns that only a surface hidden from the camera explains."""
 _EXPECTED, _EXPECTED_WIDE = 0.03, 0.20
 """Shares of samples that contradict even a correct solution, for a thin and a wide beam."""
-_FAR, _FAR_FROM = 0.34, 1.5
-"""Per standard deviation of the prior by which the largest component of the correction exceeds _FAR_FROM."""
+_FAR = 0.34
+"""Per standard deviation of the prior by which the correction is farther than usual."""
 _MANY, _SPARSE, _ENOUGH = 0.06, 0.08, 100.0
 """Coefficients of the logarithm of the effective number of samples over _ENOUGH, and of its inverse if it is less: few
 samples leave many modes, of which the search does not find all."""
@@ -40,7 +40,7 @@ def compute_inflation(x: Array, classification: Classification, problem: Registr
     contradicting = float(weights[classification.contradicting].sum()) / total
     hidden = float(weights[hit & ~classification.inlier & ~classification.contradicting].sum()) / returns
     expected = _EXPECTED_WIDE if problem.wide else _EXPECTED
-    far = max(float(np.abs(x * np.sqrt(problem.prior)).max()) - _FAR_FROM, 0.0)
+    far = max(problem.prior.find_excess(x), 0.0)
     logarithm = (
         _CONSTANT
         + _WIDE * problem.wide

@@ -178,13 +178,13 @@ class _Motions(NamedTuple):
         turns: (t, 3, 3).
         moves: (t, 6), rad and m.
         centre: (3,), m, which the turns leave in place.
-        prior: (6,), their precision.
+        precision: (6, 6), the prior's.
     """
 
     turns: Array
     moves: Array
     centre: Array
-    prior: Array
+    precision: Array
 
 
 class _Settings(NamedTuple):
@@ -244,12 +244,12 @@ class _Scorer:
         moved = np.einsum("tij,nj->tni", turns, points - centre) + centre + self.moves[:, None, 3:]
         seen = view.camera.project(points).astype(np.float32)
         moved_seen = view.camera.project(moved).astype(np.float32)
-        prior = 1.0 / np.diag(trials.prior.covariance)
+        precision = np.linalg.inv(trials.prior.covariance)
         tiles = sort_by_tile(seen)
         self._seen = _Seen(points, np.ascontiguousarray(normals, dtype=np.float64), seen)
         in_order = np.ascontiguousarray(moved_seen[:, tiles])
         self._moved = _Moved(moved, tiles, in_order, enclose_blocks(in_order))
-        self._motions = _Motions(turns, self.moves, centre, prior)
+        self._motions = _Motions(turns, self.moves, centre, precision)
 
     def score(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64], so_far: Array | None = None,
@@ -281,7 +281,7 @@ def _score(
 ) -> None:
     """Fills `result` (r, c), m, and lowers `bound` (1,), m, to the worst score of each box that stays below it."""
     boxes, numbers, columns, so_far, pruned = part
-    turns, moves, centre, prior = motions
+    turns, moves, centre, precision = motions
     matching, noise, on, near, seed = settings
     r, t = np.eye(3), np.zeros(3)
     for b in range(boxes.shape[0]):
@@ -308,7 +308,7 @@ def _score(
                     source[i, k] += noise * np.random.standard_normal()
             r[:], t[:] = np.eye(3), np.zeros(3)
             if matchable and source.shape[0] >= icp.MIN_CORRESPONDENCES:
-                _match(source, index, surface, centre, prior, matching, r, t)
+                _match(source, index, surface, centre, precision, matching, r, t)
             scored = source if source.shape[0] > 0 else moved.points[j]
             result[b, c] = _mean_error(scored, r, t, turns[j], centre, moves[j])
             worst = max(worst, result[b, c])
@@ -321,14 +321,14 @@ def _score(
 
 @njit(cache=True, nogil=True)
 def _match(
-    source: Array, index: Index, surface: Array, centre: Array, prior: Array, matching: int, r: Array, t: Array
+    source: Array, index: Index, surface: Array, centre: Array, precision: Array, matching: int, r: Array, t: Array
 ) -> None:
     """Fills r (3, 3), t (3,) with the motion of the source onto the target, by the kernel of `matching`."""
     if matching == 2:
         pcl.match(source, index, r, t)
     elif matching == 3:
         x, planes = np.zeros(6), point_to_plane.Planes(index, surface)
-        point_to_plane.match(source, np.ones(source.shape[0]), planes, centre, prior, _PLANE_NOISE, x)
+        point_to_plane.match(source, np.ones(source.shape[0]), planes, centre, precision, _PLANE_NOISE, x)
         turn = so3.exp(x[:3])
         for j in range(3):
             for k in range(3):

@@ -47,13 +47,13 @@ def compute_covariance(problem: RegistrationProblem, x: Array, resources: Resour
     draws, fit = make_curvature_draws()
     free = problem.without_prior()
     information, _, _ = linearize(x, assume_likeliest_hypothesis(x, free))
-    covariance = np.asarray(np.linalg.inv(information / 2 + np.diag(problem.prior)), dtype=np.float64)
+    covariance = np.asarray(np.linalg.inv(information / 2 + problem.prior.precision), dtype=np.float64)
     for _ in range(_ROUNDS):
         root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
         spread = draws @ root.T
         levels = compute_energies_in_parallel(np.concatenate([x + spread, x - spread]), free, resources)
         coefficients = fit @ (0.5 * (levels[:_PAIRS] + levels[_PAIRS:]))
-        covariance = covariance_of_quadratic(coefficients[1:], root, np.diag(problem.prior))
+        covariance = covariance_of_quadratic(coefficients[1:], root, problem.prior.precision)
     return covariance
 
 

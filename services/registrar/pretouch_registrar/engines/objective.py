@@ -16,7 +16,7 @@ from pretouch.geometry import Array
 from pretouch_registrar.engines import so3
 from pretouch_registrar.engines.compiled import NO_REFERENCES
 from pretouch_registrar.engines.correction import carry_back, fill_jacobian_row, turn_back
-from pretouch_registrar.engines.prior import prior_cost
+from pretouch_registrar.engines.prior import add_prior, compute_prior_cost
 from pretouch_registrar.engines.registration_problem import RegistrationProblem
 from pretouch_registrar.engines.residuals.cone import Spot, make_spot, spot_residual, step_beam, trace_spot
 from pretouch_registrar.engines.residuals.miss import miss_cost
@@ -32,9 +32,7 @@ _MIN_PARALLEL_WORK = 2000
 def compute_energy(x: Array, problem: RegistrationProblem) -> float:
     """Negative log posterior density at the correction x (6,), up to a constant."""
     r = so3.exp(x[:3])
-    energy = 0.0
-    for k in range(6):
-        energy += prior_cost(x[k], problem.prior[k])[0]
+    energy = compute_prior_cost(x, problem.prior)
     if problem.cone.length.shape[0] == 0:
         return (
             energy + _sum_thin_costs(x, r, problem, PointResiduals(np.zeros(3), np.zeros((3, 3)))) / problem.temperature
@@ -173,15 +171,9 @@ def linearize(x: Array, problem: RegistrationProblem) -> tuple[Array, Array, flo
         cost = _linearize_thin(x, r, problem, PointResiduals(np.zeros(3), np.zeros((3, 3))), row, information, gradient)
     else:
         cost = _linearize_wide(x, r, problem, make_spot(problem.cone), row, information, gradient)
-    energy = cost / problem.temperature
-    for k in range(6):
-        gradient[k] /= problem.temperature
-        for m in range(6):
-            information[k, m] /= problem.temperature
-        part, slope, bend = prior_cost(x[k], problem.prior[k])
-        energy += part
-        gradient[k] += slope
-        information[k, k] += bend
+    gradient /= problem.temperature
+    information /= problem.temperature
+    energy = cost / problem.temperature + add_prior(x, problem.prior, information, gradient)
     return information, gradient, energy
 
 

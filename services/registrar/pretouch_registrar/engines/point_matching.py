@@ -43,7 +43,7 @@ def solve_by_matching(problem: RegistrationProblem, match: Callable[[Array], Pos
     Args:
         match: finds `scene_T_base` for points (n, 3), m, or None.
     """
-    prior = np.diag(1.0 / problem.prior)
+    prior = problem.prior.covariance
     source = problem.beams.points[select_object_returns(problem)]
     scene_T_base = None if is_collinear(source) else match(source)
     if scene_T_base is None:

@@ -78,8 +78,8 @@ def solve(problem: RegistrationProblem, model: CameraModel, resources: Resources
     x = np.zeros(6)
     shares = compute_shared_weights(source, _PATCH)
     planes, centroid = resources.derive_from_model(model, _make_model_planes), problem.target.centroid
-    information = match(source, shares, planes, centroid, problem.prior, problem.noise.surface, x)
-    covariance = np.linalg.inv(information / _OVERCONFIDENCE + np.diag(problem.prior))
+    information = match(source, shares, planes, centroid, problem.prior.precision, problem.noise.surface, x)
+    covariance = np.linalg.inv(information / _OVERCONFIDENCE + problem.prior.precision)
     return Solution(x, np.asarray(covariance, dtype=np.float64))
 
 
@@ -103,14 +103,16 @@ def compute_shared_weights(source: Array, patch: float) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def match(source: Array, shares: Array, planes: Planes, centroid: Array, prior: Array, noise: float, x: Array) -> Array:
+def match(
+    source: Array, shares: Array, planes: Planes, centroid: Array, precision: Array, noise: float, x: Array
+) -> Array:
     """Moves the correction x (6,), about `centroid`, to the most probable one; returns the points' information (6, 6).
 
     Args:
         source: (n, 3), m.
         shares: (n,), the weight of each point in the information returned, which excludes the prior's.
         planes: the target.
-        prior: (6,) inverse variances of the correction.
+        precision: (6, 6), the prior's.
         noise: m, standard deviation of one distance.
     """
     information, gradient = np.empty((6, 6)), np.empty(6)
@@ -126,9 +128,8 @@ def match(source: Array, shares: Array, planes: Planes, centroid: Array, prior: 
             r = so3.exp(x[:3])
             _find_correspondences(r, x, centroid, matched, planes)
             _linearize(r, x, centroid, matched, planes, noise * factor, information, gradient)
-            for k in range(6):
-                information[k, k] += prior[k]
-                gradient[k] += prior[k] * x[k]
+            information += precision
+            gradient += precision @ x
             step: Array = np.linalg.solve(information, -gradient).astype(np.float64)
             x[:3] = so3.log(so3.exp(step[:3]) @ r)
             x[3:] += step[3:]

@@ -49,27 +49,27 @@ def solve(problem: RegistrationProblem, model: CameraModel, resources: Resources
     search, most = _WIDE_BEAMS if problem.wide else (_SEARCH_BEAMS, _MAX_BEAMS)
     distinct = problem.pool_beams() if problem.wide else problem.merge_neighbours(_MAX_MERGED * most)
     rough, coarse, fine = (distinct.subsample_beams(beams) for beams in (search // 2, search, most))
-    scale = 1.0 / np.sqrt(problem.prior)
+    prior = problem.prior
 
     def energy(xs: Array, among: RegistrationProblem = fine) -> Array:
         """Negative log posterior densities (m,) of corrections xs (m, 6)."""
         return compute_energies_in_parallel(xs, among, resources)
 
     xs, level = smc.sample_population(
-        lambda xs, factor: energy(xs, (rough if factor > _ROUGH_NOISE_FACTOR else coarse).widen_noise(factor)), scale
+        lambda xs, factor: energy(xs, (rough if factor > _ROUGH_NOISE_FACTOR else coarse).widen_noise(factor)), prior
     )
-    starts = _select_distinct(xs[np.argsort(level, kind="stable")], _APART * scale, _STARTS)
+    starts = _select_distinct(xs[np.argsort(level, kind="stable")], prior.whiten / _APART, _STARTS)
     refined = np.array(resources.map(lambda x: refine(x, assume_likeliest_hypothesis(x, fine)), starts))
     level = energy(refined)
     order = np.argsort(level, kind="stable")
     order = order[level[order] < level.min() + _MAX_ENERGY_ABOVE_BEST]
-    places = _select_distinct(refined[order], _MODES_APART * scale, _MODES)
+    places = _select_distinct(refined[order], prior.whiten / _MODES_APART, _MODES)
     heights = energy(places)
     covariances = [compute_covariance(fine, place, resources) for place in places]
     found = _weigh_modes(places, covariances, heights)
-    modes = [_scale_mode(mode, scale) for mode in [*found, _fit_broad_mode(xs)]]
-    mean, covariance = importance.estimate_moments(lambda x: energy(x * scale), modes)
-    mean, covariance = _remove_free_turn(mean * scale, problem), covariance * np.outer(scale, scale)
+    modes = [_whiten_mode(mode, prior.whiten) for mode in [*found, _fit_broad_mode(xs)]]
+    mean, covariance = importance.estimate_moments(lambda z: energy(z @ prior.root.T), modes)
+    mean, covariance = _remove_free_turn(prior.root @ mean, problem), prior.root @ covariance @ prior.root.T
     covariance = (
         compute_inflation(mean, classify_samples(mean, problem), problem) ** 2 * covariance
         + problem.systematic_covariance
@@ -80,12 +80,12 @@ def solve(problem: RegistrationProblem, model: CameraModel, resources: Resources
 
 
 def _remove_free_turn(x: Array, problem: RegistrationProblem) -> Array:
-    """The correction (6,) without its unobservable turn, in which the prior's mean is kept."""
-    free = problem.free_turn
-    information = float(free @ (problem.prior * free))
+    """The correction (6,) without its unobservable turn, in which the prior's mean is kept, given the rest."""
+    free, precision = problem.free_turn, problem.prior.precision
+    information = float(free @ precision @ free)
     if information == 0.0:
         return x
-    return np.asarray(x - float(free @ (problem.prior * x)) / information * free, dtype=np.float64)
+    return np.asarray(x - float(free @ precision @ x) / information * free, dtype=np.float64)
 
 
 def _fit_broad_mode(xs: Array) -> Mode:
@@ -93,16 +93,16 @@ def _fit_broad_mode(xs: Array) -> Mode:
     return Mode(xs.mean(axis=0), np.asarray(np.cov(xs.T), dtype=np.float64), _BROAD_SHARE)
 
 
-def _scale_mode(mode: Mode, scale: Array) -> Mode:
-    """The mode in units of `scale` (6,), the prior's standard deviations."""
-    return Mode(mode.mean / scale, mode.covariance / np.outer(scale, scale), mode.share)
+def _whiten_mode(mode: Mode, whiten: Array) -> Mode:
+    """The mode in the coordinates of `whiten` (6, 6), in which the prior is round."""
+    return Mode(whiten @ mode.mean, whiten @ mode.covariance @ whiten.T, mode.share)
 
 
-def _select_distinct(xs: Array, apart: Array, most: int) -> Array:
-    """The first of xs (m, 6) that are more than 1 apart in units of `apart` (6,), at most `most`."""
+def _select_distinct(xs: Array, whiten: Array, most: int) -> Array:
+    """The first of xs (m, 6) that are more than 1 apart in the coordinates of `whiten` (6, 6), at most `most`."""
     chosen: list[Array] = []
     for x in xs:
-        if all(np.linalg.norm((x - other) / apart) > 1.0 for other in chosen):
+        if all(np.linalg.norm(whiten @ (x - other)) > 1.0 for other in chosen):
             chosen.append(x)
             if len(chosen) == most:
                 break

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch.geometry import Array
-from pretouch.prior import Prior
+from pretouch.prior import AnyPrior
 from pretouch.tof import Scan, Sensor
 from pretouch_registrar.engines.beam_response import Cone, make_cone, make_thin_beam
 from pretouch_registrar.engines.camera_model import CameraModel, Footprint, Pixels
 from pretouch_registrar.engines.camera_noise import PATCH, CameraNoise
 from pretouch_registrar.engines.patches import Patches, SharedError, compute_sample_weights, find_patches
+from pretouch_registrar.engines.prior import CorrectionPrior
 
 SURFACE_STD, TABLE_STD, EDGE_STD, RIM_STD = 0.0012, 0.0007, 0.0022, 0.001
 """m: the model's own errors, those of a perfect camera: of smoothed surface, table and silhouette, and the additional
@@ -133,7 +134,7 @@ class RegistrationProblem(NamedTuple):
 
     Attributes:
         cone: of a wide beam; without rays for a thin one.
-        prior: (6,) inverse variances of the correction, order (w, d).
+        prior: of the correction.
         temperature: the cost is divided by it to be a negative log likelihood.
         shared: the error that neighbouring samples share.
         systematic_covariance: (6, 6) covariance of the correction that no number of samples reduces.
@@ -144,7 +145,7 @@ class RegistrationProblem(NamedTuple):
     target: Target
     noise: Noise
     cone: Cone
-    prior: Array
+    prior: CorrectionPrior
     temperature: float
     shared: SharedError
     systematic_covariance: Array
@@ -162,7 +163,7 @@ class RegistrationProblem(NamedTuple):
 
     def without_prior(self) -> RegistrationProblem:
         """The problem without the prior."""
-        return self._replace(prior=np.zeros(6))
+        return self._replace(prior=self.prior.removed())
 
     def widen_noise(self, factor: float) -> RegistrationProblem:
         """The problem with `factor` times the noise."""
@@ -320,8 +321,8 @@ def _compute_noise(sensor: Sensor, camera: CameraNoise) -> Noise:
     )
 
 
-def build_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> RegistrationProblem:
-    """The problem of registering scans with a scene's model."""
+def build_problem(model: CameraModel, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> RegistrationProblem:
+    """The problem of registering scans with a scene's model, which the prior's mean has moved already."""
     scene = model.scene
     pose, camera = scene.base_T_camera, scene.camera
     optics = Optics(
@@ -329,7 +330,7 @@ def build_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, senso
         float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), float(sensor.range_max),
     )  # fmt: skip
     table = Table(np.array(scene.table.normal), float(scene.table.offset))
-    inverse = 1.0 / np.diag(prior.covariance)
+    believed = CorrectionPrior.of(prior)
     cone = make_cone(sensor.beam_half_angle) if _is_wide(sensor) else make_thin_beam()
     target = Target(np.array(scene.centroid), optics, table, model.pixels, model.footprint)
     shared = compute_shared_error(sensor, model.noise)
@@ -340,24 +341,27 @@ def build_problem(model: CameraModel, scans: Sequence[Scan], prior: Prior, senso
         target,
         _compute_noise(sensor, model.noise),
         cone,
-        inverse,
+        believed,
         _compute_temperature(float(beams.weights.sum()), _is_wide(sensor), model.noise),
         shared,
-        _compute_systematic_covariance(sensor, model.noise, inverse, free_turn),
+        _compute_systematic_covariance(sensor, model.noise, believed, free_turn),
         free_turn,
     )
 
 
-def _compute_systematic_covariance(sensor: Sensor, camera: CameraNoise, prior: Array, free_turn: Array) -> Array:
+def _compute_systematic_covariance(
+    sensor: Sensor, camera: CameraNoise, prior: CorrectionPrior, free_turn: Array
+) -> Array:
     """`RegistrationProblem.systematic_covariance`: that of sensor and camera, and the prior's variance of a free turn.
 
-    It is at most a quarter of the prior's variance, which is given by its inverse `prior` (6,).
+    That of sensor and camera is in no direction more than a quarter of the prior's. A free turn's is the prior's, given
+    the correction's other components.
     """
     excess = max(sensor.range_bias_std**2 - Sensor.range_bias_std**2, 0.0) ** 0.5
     own = float(np.hypot(_CONE_SYSTEMATIC if _is_wide(sensor) else _SYSTEMATIC, excess))
     shift, turn = float(np.hypot(own, _CAMERA_SHARE * camera.patch)), _CAMERA_TURN * camera.patch
-    shared = np.minimum(np.array([turn**2] * 3 + [shift**2] * 3), 0.25 / prior)
-    information = float(free_turn @ (prior * free_turn))
+    shared = prior.bound(np.diag([turn**2] * 3 + [shift**2] * 3), 0.25)
+    information = float(free_turn @ prior.precision @ free_turn)
     if information == 0.0:
-        return np.diag(shared)
-    return np.asarray(np.diag(shared) + np.outer(free_turn, free_turn) / information, dtype=np.float64)
+        return shared
+    return np.asarray(shared + np.outer(free_turn, free_turn) / information, dtype=np.float64)
