@@ -143,3 +143,30 @@ def test_what_the_estimator_rejects_is_among_those_left_out() -> None:
         ("failed", "It failed."),
     ]
     assert [each.session for each in camera.history] == ["s0", "s1", "s2"]
+
+
+class Sure(Calibration):
+    """Knows the correction at an object."""
+
+    def predict(self, base_T_camera: Pose, centroid: object) -> PosePrior | None:
+        return PosePrior(ERROR, np.diag([4e-4, 1e-4, 2e-4, 4e-6, 9e-6, 1e-6]))
+
+
+ERROR = Pose.from_rotation_vector((0.01, 0.0, 0.02), (0.01, 0.0, 0.0))
+
+
+def test_the_cameras_covariance_is_that_of_the_prediction_at_the_object_seen_from_the_camera() -> None:
+    """Against errors of the correction at the object, each applied to the camera."""
+    update = counted("one", 0)
+    assert update.summary is not None
+    found = update.entry.observation
+    assert found is not None
+    memory = CameraMemory(found.base_T_camera, update.summary, 1, (update.entry,), ())
+    described = describe_camera("head", memory, Sure()).base_T_camera_covariance
+    assert described is not None
+    prior = Sure().predict(found.base_T_camera, found.centroid)
+    assert prior is not None
+    draws = np.sqrt(6) * np.linalg.cholesky(prior.covariance).T  # as few as have this covariance
+    camera, place = ERROR.apply(found.base_T_camera.translation), ERROR.apply(found.centroid)
+    errors = np.hstack([draws[:, :3], draws[:, 3:] + np.cross(draws[:, :3], camera - place)])
+    np.testing.assert_allclose(errors.T @ errors / 6, described, atol=1e-12)

@@ -163,7 +163,6 @@ def describe_event(camera_id: str, entry: CameraEntry, drift: CalibrationDrift) 
 def describe_camera(camera_id: str, memory: CameraMemory, calibration: Calibration) -> CalibratedCamera:
     """What is known of a camera, given the calibration from what is kept of it."""
     summary = summarize(camera_id, memory.summary.sessions, calibration)
-    at_camera = predict_prior(calibration, memory.base_T_camera, memory.base_T_camera.translation)
     times = {entry.session_id: entry.at for entry in memory.counted}
     rejected = [
         LeftOutSession(session_id, times[session_id], reason)
@@ -175,7 +174,7 @@ def describe_camera(camera_id: str, memory: CameraMemory, calibration: Calibrati
         id=camera_id,
         sessions=summary.sessions,
         base_T_camera=calibration.correct(memory.base_T_camera),
-        base_T_camera_covariance=None if at_camera is None else at_camera.covariance,
+        base_T_camera_covariance=_locate(memory, calibration),
         camera_T_camera=calibration.camera_T_camera,
         base_T_base=calibration.base_T_base,
         covariance=calibration.covariance if calibration.count else _UNKNOWN,
@@ -186,3 +185,23 @@ def describe_camera(camera_id: str, memory: CameraMemory, calibration: Calibrati
         ),
         left_out=tuple(sorted([*left_out, *rejected], key=lambda each: each.at)),
     )
+
+
+def _locate(memory: CameraMemory, calibration: Calibration) -> Array | None:
+    """6x6, of the error of the corrected base_T_camera; None while nothing is known of it.
+
+    It is what is predicted at the object that the last session saw, moved to the camera by the arm a between them: an
+    error (w, d) at the object is (w, d + w x a) at the camera.
+    """
+    observations = list_observations(memory.counted)
+    if not observations:
+        return None
+    last, believed = observations[-1], memory.base_T_camera
+    centroid = believed.apply(last.base_T_camera.inverse().apply(last.centroid))
+    prior = predict_prior(calibration, believed, centroid)
+    if prior is None:
+        return None
+    x, y, z = prior.mean.apply(believed.translation) - prior.mean.apply(centroid)
+    moved = np.eye(6)
+    moved[3:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return np.asarray(moved @ prior.covariance @ moved.T, dtype=np.float64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import OrderedDict
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -35,6 +36,8 @@ from pretouch_orchestrator.store.protocol import (
     Store,
 )
 
+_KEPT = 64
+"""Calibrations that are kept in memory."""
 _NOT_EVALUATED = "It could not be evaluated."
 
 
@@ -53,14 +56,14 @@ class Knowledge(NamedTuple):
 class Cameras:
     """Learns cameras from the sessions that name them.
 
-    All that is known is in the store, and what follows from it is computed when it is asked for, in the service's
-    threads. So any number of sessions and orchestrators may use a camera at once. A defect of the estimator never
+    All that is known is in the store, and what follows from it is computed when it is needed, in the service's threads. So any number of sessions and orchestrators may use a camera at once. A defect of the estimator never
     stops a session: it starts from the default prior then, and does not count.
     """
 
     def __init__(self, store: Store, context: ServiceContext) -> None:
         self._store = store
         self._context = context
+        self._calibrations: OrderedDict[tuple[str, ...], Calibration] = OrderedDict()
         metrics = context.metrics
         self._ended = metrics.counter(
             "camera_sessions", "Sessions that named a camera and came to an end.", ("state", "counts")
@@ -129,7 +132,8 @@ class Cameras:
         memory = await self._store.load_camera(owner, camera_id)
         if memory is None:
             raise unknown_camera(camera_id)
-        return await self._context.run_in_thread(_describe, camera_id, memory)
+        calibration = await self._calibrate(memory.counted)
+        return await self._context.run_briefly(describe_camera, camera_id, memory, calibration)
 
     async def forget(self, owner: str, camera_id: str) -> None:
         """Forgets what was learned of a camera; raises `NotFound`. Sessions under way with it no longer count."""
@@ -137,7 +141,18 @@ class Cameras:
         self._context.log.info("camera forgotten", camera=camera_id)
 
     async def _calibrate(self, entries: Sequence[CameraEntry]) -> Calibration:
-        return await self._context.go_on_in_thread(estimate_calibration, list_observations(entries))
+        """What follows from these sessions, which is computed once for the same ones.
+
+        A session ends once, so the last two name all before them.
+        """
+        key = tuple(entry.session_id for entry in entries[-2:])
+        calibration = self._calibrations.pop(key, None)
+        if calibration is None:
+            calibration = await self._context.go_on_in_thread(_estimate, entries)
+        self._calibrations[key] = calibration
+        while len(self._calibrations) > _KEPT:
+            self._calibrations.popitem(last=False)
+        return calibration
 
     async def _learn(self, camera_id: str, memory: CameraMemory, record: Record) -> CameraUpdate:
         """What an ended session teaches of its camera."""
@@ -166,8 +181,8 @@ class Cameras:
             self._context.log.warning("a camera may have moved", camera=camera_id, drift=after.state, since=after.since)
 
 
-def _describe(camera_id: str, memory: CameraMemory) -> CalibratedCamera:
-    return describe_camera(camera_id, memory, estimate_calibration(list_observations(memory.counted)))
+def _estimate(entries: Sequence[CameraEntry]) -> Calibration:
+    return estimate_calibration(list_observations(entries))
 
 
 def _tell(events: Sequence[NewEvent], camera_id: str, entry: CameraEntry, drift: CalibrationDrift) -> list[NewEvent]:
