@@ -48,6 +48,17 @@ def test_a_session_that_converged_counts_with_what_it_found() -> None:
     assert entry.expected_error > entry.error / 10
 
 
+def test_a_prior_that_the_samples_contradicted_is_not_taken_for_the_one_that_was_used() -> None:
+    narrow = PosePrior(Pose.identity(), np.diag([1e-6] * 6))
+    record = converged(camera_record("one"))
+    record = replace(record, request=replace(record.request, prior=narrow))
+    agreeing = replace(record.estimate, base_T_correction=Pose.identity(), modes=())
+    for estimate, used in ((record.estimate, narrow.fallback), (agreeing, narrow)):
+        found = observe(replace(record, estimate=replace(estimate, covariance=narrow.covariance)), 1.0).observation
+        assert found is not None
+        np.testing.assert_allclose(found.prior_covariance, used.covariance)
+
+
 @pytest.mark.parametrize("cause", list(Exhaustion))
 def test_an_exhausted_session_counts_if_it_is_honest(cause: Exhaustion) -> None:
     ended = end_session(

@@ -67,6 +67,8 @@ def observe(record: Record, at: float) -> CameraEntry:
     if reason := find_reason(record):
         return CameraEntry(record.id, at, reason)
     estimate, prior, cloud = record.estimate, record.prior, record.scene.cloud
+    # Where the samples contradict the prior, the registrar has made the estimate under a wider one about the same mean.
+    contradicted = prior.is_contradicted_by(estimate.base_T_correction, estimate.centroid, estimate.covariance)
     moved = np.linalg.norm(estimate.base_T_correction.apply(cloud) - cloud, axis=1)
     return CameraEntry(
         record.id,
@@ -79,7 +81,7 @@ def observe(record: Record, at: float) -> CameraEntry:
             centroid=estimate.centroid,
             covariance=estimate.covariance,
             prior_mean=prior.mean,
-            prior_covariance=prior.covariance,
+            prior_covariance=prior.fallback.covariance if contradicted else prior.covariance,
         ),
         error=float(moved.mean()),
         expected_error=from_prior(prior, cloud).expected_error,

@@ -56,8 +56,9 @@ class Knowledge(NamedTuple):
 class Cameras:
     """Learns cameras from the sessions that name them.
 
-    All that is known is in the store, and what follows from it is computed when it is needed, in the service's threads. So any number of sessions and orchestrators may use a camera at once. A defect of the estimator never
-    stops a session: it starts from the default prior then, and does not count.
+    All that is known is in the store, and what follows from it is computed when it is needed, in the service's threads.
+    So any number of sessions and orchestrators may use a camera at once. A defect of the estimator never stops a
+    session: it starts from the default prior then, and does not count.
     """
 
     def __init__(self, store: Store, context: ServiceContext) -> None:
