@@ -17,7 +17,7 @@ from pretouch.session_command.wording import clean
 _STYLES = {"steady": "green", "suspected": "yellow", "moved": "red"}
 _SHOWN = 30
 """Sessions of the picture, the newest."""
-_LEAST_BAR, _MOST_BAR, _BESIDE_BAR = 10, 60, 62
+_LEAST_BAR, _MOST_BAR, _BESIDE_BAR = 10, 60, 66
 """Characters of the longest bar, and those that the other columns take."""
 
 
@@ -54,7 +54,7 @@ def describe(camera: CalibratedCamera) -> Iterator[Text]:
 
 
 def draw_history(camera: CalibratedCamera, width: int) -> Table:
-    """A line for each of the newest sessions: a bar of the camera's error, and of it what a prediction left."""
+    """A line for each of the newest sessions: a bar of the camera's error; one that found it elsewhere is marked."""
     shown = camera.history[-_SHOWN:]
     most = max((max(each.error, each.expected_error) for each in shown), default=0.0) or 1.0
     room = min(max(width - _BESIDE_BAR, _LEAST_BAR), _MOST_BAR)
@@ -67,7 +67,7 @@ def draw_history(camera: CalibratedCamera, width: int) -> Table:
     for each in shown:
         bar = Text("█" * round(room * each.error / most), "blue")
         if each.session == camera.drift.since:
-            bar.append(f" ◀ {camera.drift.state}", _STYLES.get(camera.drift.state, ""))
+            bar.append(" ◀", _STYLES.get(camera.drift.state, ""))
         table.add_row(
             _write_time(each.at),
             Text(clean(each.session)),
