@@ -14,6 +14,7 @@ from helpers.processes import Orchestrator
 from pretouch.client import GrpcClient, RestClient, drive, drive_async
 from pretouch.errors import Conflict, InvalidInput, NotFound, Unauthenticated
 from pretouch.geometry import Pose
+from pretouch.prior import PosePrior
 from pretouch.session import (
     Budget,
     GatewaySpan,
@@ -62,6 +63,29 @@ async def test_a_session_converges(client: Any) -> None:
     assert session_to_json(await client.session(session.id)) == session_to_json(session)
     with pytest.raises(Conflict) as caught:
         await client.next_scan(session.id)
+    assert caught.value.remedy
+
+
+async def test_a_session_starts_from_the_mean_and_covariance_of_its_prior(client: Any) -> None:
+    stds = np.array([0.01, 0.02, 0.03, 0.003, 0.004, 0.005])
+    prior = PosePrior(Pose.from_rotation_vector([0.0, 0.02, 0.1], [0.01, 0.02, 0.003]), np.diag(stds**2))
+    session = await client.create_session(request(prior=prior, budget=Budget(**ROOMY)), DEPTH, MASK)
+    assert session.estimate.base_T_correction.is_close(prior.mean, 1e-9)
+    np.testing.assert_allclose(session.estimate.covariance, prior.covariance, rtol=1e-12, atol=0)
+    after = await client.submit(session.id, session.next_scan.scan_id, measured(session.next_scan))
+    shrunk = after.estimate.covariance / np.diag(stds**2).clip(1e-30)
+    assert np.diag(shrunk).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("shift", "turn", "words"), [(0.6, 0.0, r"moves the object by 0\.6 m"), (0.0, 0.9, r"turns by 51\.6 deg")]
+)
+async def test_a_prior_of_something_else_is_refused(client: Any, shift: float, turn: float, words: str) -> None:
+    prior = PosePrior(Pose.identity(), 1e-4 * np.eye(6))
+    mean = Pose.from_rotation_vector([0, 0, turn], [shift, 0, 0])
+    object.__setattr__(prior, "base_T_correction", mean)
+    with pytest.raises(InvalidInput, match=words) as caught:
+        await client.create_session(request(prior=prior), DEPTH, MASK)
     assert caught.value.remedy
 
 

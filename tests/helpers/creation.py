@@ -12,6 +12,7 @@ from google.protobuf.message import Message
 from helpers.box_session import DEPTH, MASK, request
 from helpers.box_view import png
 from pretouch.geometry import Plane, Pose
+from pretouch.prior import Prior
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.wire.common import array_to_proto
 from pretouch.wire.json import request_to_json
@@ -21,6 +22,7 @@ FULL = request(
     roi=(0, 0, 320, 240),
     table=Plane(np.array([0.0, 0.0, 1.0]), 0.0),
     base_T_object=Pose.identity(),
+    prior=Prior(),
 )
 """A request with every member."""
 

@@ -42,7 +42,7 @@ from pretouch.errors import (
 )
 from pretouch.estimate import Estimate, from_prior, point_error
 from pretouch.geometry import Pose
-from pretouch.prior import Prior
+from pretouch.prior import AnyPrior, Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
 from pretouch.tof import RangeSamples
@@ -192,7 +192,7 @@ def regions(scene: Scene) -> list[RotatedRectangle]:
     ]
 
 
-def estimate(scene: Scene, scans: int, samples: int, prior: Prior) -> Estimate:
+def estimate(scene: Scene, scans: int, samples: int, prior: AnyPrior) -> Estimate:
     """The answer after `scans` scans: towards a shift of (10, -5, 4) mm; each scan multiplies deviations by SHRINK."""
     if scans == 0:
         return from_prior(prior, scene.cloud)

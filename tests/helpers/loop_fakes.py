@@ -18,7 +18,7 @@ from helpers.scenes import Box, View, World
 from pretouch.errors import Unavailable
 from pretouch.estimate import Estimate, from_prior, point_error
 from pretouch.geometry import Plane, Pose
-from pretouch.prior import Prior
+from pretouch.prior import AnyPrior
 from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
@@ -67,7 +67,7 @@ class FormulaRegistrar:
         self.sensor_problem = sensor_problem
         self.down = False
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+    async def register(self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> Estimate:
         if self.down:
             raise Unavailable("The registrar is away.", "Wait.")
         returns = sum(int(scan.returned.sum()) for scan in scans)
@@ -89,7 +89,7 @@ class FormulaRegistrar:
         )
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, candidates: Sequence[Candidate]
     ) -> list[list[Prediction]]:
         present = (await self.register(scene, scans, prior, sensor)).expected_error
         return [

@@ -27,6 +27,10 @@ def a_record(session_id: str = "one") -> Record:
             base_T_object=json.pose_to_json(Pose.from_rotation_vector([0.1, 0.2, 0.3], [0.45, 0.01, 0.02])),
             sensor={"tip_T_module": [json.pose_to_json(Pose.from_rotation_vector([0, 0.7, 0], [0.001, 0, 1 / 3]))]},
             roi=[10, 20, 300, 200],
+            prior={
+                "base_T_correction": json.pose_to_json(Pose.from_rotation_vector([0, 0.01, 0.03], [0.01, 0, 1 / 300])),
+                "covariance": (np.diag([3e-4, 4e-4, 5e-4, 3e-5, 4e-5, 5e-5]) + 1e-5 / 3).tolist(),
+            },
             proposer="random",
         )
     )

@@ -191,6 +191,28 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     assert f"{place} cannot be written" in done.err
 
 
+def test_an_earlier_answer_is_a_prior(register: Any, files: Files, tmp_path: Path) -> None:
+    view, (first, second, *_) = files.folder / "view.npz", files.scans(".npz")
+    earlier, session = tmp_path / "earlier.json", tmp_path / "session.json"
+    before = register(view, first, "--json", "-").document
+    earlier.write_text(json.dumps(before))
+    session.write_text(json.dumps({"id": "1", "estimate": before}))
+    after = register(view, second, "--prior", earlier, "--json", "-")
+    assert after.code == 0, after.err
+    assert after.document == register(view, second, "--prior", session, "--json", "-").document
+    assert after.estimate.expected_error < before["expected_error"]
+    assert files.case.error(after.estimate.base_T_correction) < 0.006
+    away = {**before, "centroid": [before["centroid"][0] + 1.0, *before["centroid"][1:]]}
+    earlier.write_text(json.dumps(away))
+    carried = register(view, second, "--prior", earlier, "--json", "-").estimate
+    assert carried.expected_error > after.estimate.expected_error
+    stds = tmp_path / "stds.json"
+    stds.write_text('{"translation_std": 0.004, "rotation_std": 0.02}')
+    options = ["--translation-std", "0.004", "--rotation-std", "0.02"]
+    told = register(view, second, "--prior", stds, "--json", "-").document
+    assert told == register(view, second, *options, "--json", "-").document
+
+
 def test_a_full_disk_fails_in_two_lines(register: Any, files: Files) -> None:
     done = register(files.folder / "view.npz", *files.scans(".npz", 1), "--json", "/dev/full")
     assert done.code == 1
@@ -372,6 +394,11 @@ def test_a_bad_view_is_refused_in_words(register: Any, files: Files, tmp_path: P
         (["view.npz", "scan0.npz", "--translation-std", "nan"], "prior.translation_std"),
         (["view.npz", "scan0.npz", "--rotation-std", "-1"], "prior.rotation_std is -1"),
         (["view.npz", "scan0.npz", "--rotation-std", "inf"], "prior.rotation_std"),
+        (["view.npz", "scan0.npz", "--prior", "none.json"], "none.json cannot be read: No such file"),
+        (["view.npz", "scan0.npz", "--prior", "scan0.npz"], "scan0.npz is no JSON"),
+        (["view.npz", "scan0.npz", "--prior", "list.json"], "list.json is no JSON object"),
+        (["view.npz", "scan0.npz", "--prior", "other.json"], "other.json.mean is not a known member"),
+        (["view.npz", "scan0.npz", "--prior", "skew.json"], "prior.covariance[0][5] is 1"),
         (["view.npz", "scan0.npz", "--range-std", "0"], "sensor.range_std"),
         (["view.npz", "view.npz"], "but no points"),
         (["scan0.npz", "scan0.npz"], "but no points"),
@@ -404,6 +431,11 @@ def test_bad_input_is_refused_in_words(register: Any, files: Files, arguments: l
         "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
         "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n90 0 0\n0 90 0\n3 0 1 2\n"
     )
+    (folder / "list.json").write_text("[1]")
+    (folder / "other.json").write_text('{"mean": 1}')
+    pose = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1]}
+    skew = [1e-4 * (i == j) + (i == 0 and j == 5) for i in range(6) for j in range(6)]
+    (folder / "skew.json").write_text(json.dumps({"base_T_correction": pose, "covariance": skew}))
     done = register(*(folder / word if (folder / word).exists() else word for word in arguments))
     assert done.code == 2
     assert said in done.err

@@ -27,7 +27,7 @@ from pretouch_orchestrator.sessions.transitions import get_pending_plan
 from pretouch.errors import Conflict, Internal, InvalidInput, NotFound, Unavailable, problem
 from pretouch.estimate import point_error
 from pretouch.geometry import Pose
-from pretouch.prior import Prior
+from pretouch.prior import PosePrior, Prior
 from pretouch.session import (
     Budget,
     Planner,
@@ -70,6 +70,44 @@ def test_a_new_session_waits_for_its_first_scan_with_the_prior_as_its_estimate()
     assert record.estimate.base_T_correction.is_close(Pose.identity())
     assert all(region.expected_error < record.estimate.expected_error for region in record.regions)
     assert record.next_scan.expected_returns == 1.0
+
+
+def test_a_session_starts_from_the_mean_of_its_prior_and_plans_over_it() -> None:
+    stds = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.003])
+    prior = PosePrior(Pose.from_rotation_vector((0.0, 0.1, 0.2), (0.05, -0.08, 0.06)), np.diag(stds**2))
+    usual = opened(Loop(RandomDetector(), FormulaRegistrar()), asked(budget=Budget(fraction=1.0)))
+    record = opened(Loop(RandomDetector(), FormulaRegistrar()), asked(prior=prior, budget=Budget(fraction=1.0)))
+    assert record.prior is prior
+    assert record.estimate.base_T_correction.is_close(prior.mean)
+    np.testing.assert_array_equal(record.estimate.covariance, prior.covariance)
+    assert record.next_scan is not None
+    assert usual.next_scan is not None
+    tips, down = record.next_scan.path.base_T_tip[:, :3, 3], record.next_scan.path.base_T_tip[:, :3, 2]
+    table = record.scene.table.moved(prior.mean)
+    np.testing.assert_allclose(down, np.tile(-table.normal, (len(down), 1)), atol=1e-9)
+    over = np.linalg.norm(tips - prior.mean.apply(record.scene.centroid), axis=1)
+    assert over.max() < 0.3
+    lowest = usual.scene.table.height(usual.next_scan.path.base_T_tip[:, :3, 3]).min()
+    assert table.height(tips).min() < lowest
+
+
+def test_a_prior_that_the_samples_contradict_is_said_and_one_that_they_confirm_is_not() -> None:
+    for offset, told in ((0.03, True), (0.0005, False)):
+        mean = Pose.from_rotation_vector((0, 0, 0), (offset, 0, 0)) @ CORRECTION
+        prior = PosePrior(mean, np.diag(np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.003]) ** 2))
+        loop = Loop(RandomDetector(), FormulaRegistrar(gain=1e-3))
+        record = opened(loop, asked(prior=prior, budget=Budget(fraction=1.0)))
+        assert record.warnings == ()
+        record = answer(loop, record, samples_of(record))
+        assert [warning.code for warning in record.warnings] == ["prior-contradicted"] * told
+        if told:
+            assert "30.0 mm and 0.0 degrees" in record.warnings[0].detail
+
+
+def test_a_prior_whose_mean_is_elsewhere_opens_no_session() -> None:
+    prior = PosePrior(Pose.from_rotation_vector((0, 0, 0), (0.6, 0, 0)), 1e-4 * np.eye(6))
+    with pytest.raises(InvalidInput, match=r"moves the object by 0\.6 m"):
+        opened(Loop(RandomDetector(), FormulaRegistrar()), asked(prior=prior))
 
 
 def test_services_see_the_object_and_its_surroundings_only_and_regions_are_in_the_clients_pixels() -> None:

@@ -7,6 +7,7 @@ is in metres, seconds and pixels of the picture's scene.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -14,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch import __version__
-from pretouch.geometry import Array, Pose
+from pretouch.geometry import Array, Pose, vector_from_rotation
+from pretouch.prior import AnyPrior
 from pretouch.session import ScanSummary
 from pretouch.tof import Scan
 from pretouch.wire.json import estimate_to_json, pose_from_json, request_to_json
@@ -69,7 +71,7 @@ def build_document(record: Record, events: Iterable[NewEvent]) -> dict[str, Any]
         "estimates": _list_estimates(record, events, origin),
         "scans": scans,
         "next_path": [] if plan is None else pack_points(_thin(plan.path.base_T_tip[:, :3, 3], share), origin),
-        "request": request_to_json(record.request),
+        "request": request_to_json(replace(record.request, prior=record.prior)),
     }
 
 
@@ -86,8 +88,16 @@ def _list_facts(record: Record) -> list[list[str]]:
         ["Samples that agree", f"{estimate.inliers} of {estimate.samples}"],
         ["Fit (p-value)", f"{estimate.fit:.3g}"],
         ["Paths that could not be reached", str(len(record.skipped))],
+        ["Prior", _describe_prior(record.prior, estimate.centroid)],
         ["Proposer, planner", f"{record.proposer.value}, {record.request.planner.value}"],
     ]
+
+
+def _describe_prior(prior: AnyPrior, centroid: Array) -> str:
+    shift = np.linalg.norm(prior.mean.apply(centroid) - centroid)
+    turn = np.linalg.norm(vector_from_rotation(prior.mean.rotation))
+    moved = f"moved by {1000 * shift:.1f} mm and {np.degrees(turn):.1f}°, " if shift > 0 or turn > 0 else ""
+    return f"{moved}std up to {1000 * prior.translation_std:.3g} mm and {np.degrees(prior.rotation_std):.2g}°"
 
 
 def _describe_picture(record: Record) -> dict[str, Any]:
