@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 
-from helpers.camera_sessions import an_observation, camera_record, counted
+from helpers.camera_ends import an_observation, camera_record, counted
 from pretouch_orchestrator.calibration import estimate_calibration
 from pretouch_orchestrator.cameras.findings import list_observations, predict_prior
 from pretouch_orchestrator.store import camera_rows, camera_sql

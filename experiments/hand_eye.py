@@ -1,6 +1,6 @@
-"""Hand-eye calibration from two recordings of poses: base_T_hand X camera_T_target = base_T_target, X and the target's place sought.
+"""Hand-eye calibration from two recordings of poses: base_T_hand X camera_T_target = base_T_target, both unknown.
 
-X moves with the hand. Clocks of both recordings may differ by a constant, which the rates of rotation give away.
+The clocks of both recordings may differ by a constant, which the rates of rotation give away.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -42,6 +43,11 @@ class Track:
     def part(self, chosen: Array) -> Track:
         return Track(self.times[chosen], self.rotations[chosen], self.positions[chosen])
 
+    def inverse(self) -> Track:
+        """The inverse poses."""
+        turns = self.rotations.inv()
+        return Track(self.times, turns, -turns.apply(self.positions))
+
     def pose(self, k: int) -> Pose:
         return Pose.of(self.rotations[k].as_matrix(), self.positions[k])
 
@@ -58,9 +64,13 @@ def read_track(path: Path) -> Track:
     try:
         rows = np.loadtxt(path, delimiter=",", ndmin=2)
     except ValueError as error:
-        raise InvalidInput(f"{path} holds no numbers: {error}.", "Write time, x, y, z, qx, qy, qz, qw a line.") from error
+        raise InvalidInput(
+            f"{path} holds no numbers: {error}.", "Write time, x, y, z, qx, qy, qz, qw a line."
+        ) from error
     if rows.shape[1] != 8 or len(rows) < 10 or not np.isfinite(rows).all():
-        raise InvalidInput(f"{path} has {rows.shape} numbers.", "Need 10 or more lines of time, x, y, z, qx, qy, qz, qw.")
+        raise InvalidInput(
+            f"{path} has {rows.shape} numbers.", "Need 10 or more lines of time, x, y, z, qx, qy, qz, qw."
+        )
     rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
     return Track(rows[:, 0], Rotation.from_quat(rows[:, 4:]), rows[:, 1:4])
 
@@ -87,14 +97,20 @@ def _rates(track: Track) -> Callable[[Array], Array]:
     return lambda at: np.interp(at, times, rates)
 
 
-def pair(hand: Track, camera: Track) -> tuple[Track, Track]:
-    """Both at the camera's times, corrected by their offset, where the hand's recording has no gap."""
-    times = camera.times + time_offset(hand, camera)
+def pair(hand: Track, camera: Track) -> tuple[Track, Track, float]:
+    """Both at the camera's times, corrected by their offset, where the hand's recording has no gap; the offset, s."""
+    offset = time_offset(hand, camera)
+    times = camera.times + offset
     after = np.clip(np.searchsorted(hand.times, times), 1, len(hand.times) - 1)
     inside = (times > hand.times[0]) & (times < hand.times[-1])
     inside &= hand.times[after] - hand.times[after - 1] < _MAX_GAP
     chosen = camera.part(inside)
-    return hand.at(times[inside]), chosen
+    return hand.at(times[inside]), chosen, offset
+
+
+def spread(count: int, most: int) -> NDArray[np.int64]:
+    """At most `most` of `count` numbers, evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
 
 def solve(hand: Track, camera: Track) -> tuple[Pose, Pose]:

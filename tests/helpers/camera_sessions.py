@@ -1,64 +1,73 @@
-"""Sessions that name a camera, and what their ends say of it."""
+"""Sessions of one camera with known errors of both sides, for the estimator of calibrations."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from pretouch_orchestrator.calibration import Observation
-from pretouch_orchestrator.sessions.record import Record
-from pretouch_orchestrator.store.camera_rows import new_summary_column, summary_from_row
-from pretouch_orchestrator.store.protocol import CameraEntry, CameraUpdate
 
-from helpers.records import a_record
-from pretouch.calibrated_camera import CalibrationDrift
-from pretouch.geometry import Pose
-from pretouch.session import BudgetUsed, ScanSummary, State
-from pretouch.tof import Scan
+from pretouch.geometry import Array, Pose, rotation_from_vector
+from pretouch.prior import AnyPrior, Prior
+
+STATED = np.diag([0.01] * 3 + [0.001] * 3) ** 2
+"""A session's own covariance: 0.01 rad and 1 mm."""
 
 
-def camera_record(session_id: str, camera: str = "head", **changes: object) -> Record:
-    """A session that awaits a scan."""
-    record = a_record(session_id)
-    return replace(record, request=replace(record.request, camera_id=camera), answered=(), **changes)  # type: ignore[arg-type]
+def turned(turn: Array, shift: Array, pivot: Array) -> Pose:
+    """Turns by the rotation vector (3,), rad, about the pivot (3,), then shifts by (3,), m."""
+    rotation = rotation_from_vector(turn)
+    return Pose.of(rotation, pivot - rotation @ pivot + shift)
 
 
-def converged(record: Record) -> Record:
-    """After a scan with which it converges."""
-    beams = Scan(np.full((3, 3), 1 / 3), np.tile([0.0, 0.0, -1.0], (3, 1)), np.array([0.03, np.nan, 0.1 / 3]))
-    return replace(
-        record,
-        state=State.CONVERGED,
-        next_scan=None,
-        estimate=replace(record.estimate, sensor_problem="", samples=3),
-        scans=(ScanSummary("s2", "line-3", None, 3, 2, 0.1, 2.0, 0.01),),
-        measured=(beams,),
-        answered=("s2",),
-        budget_used=BudgetUsed(1, 2.0, 0.1),
-    )
+def camera_at(azimuth: float, distance: float = 0.9) -> Pose:
+    """A camera that looks 45 deg down at the origin of base."""
+    back = np.array([np.cos(azimuth), np.sin(azimuth), 1.0]) / np.sqrt(2)
+    x = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    return Pose.of(np.stack([x, np.cross(-back, x), -back], axis=1), distance * back)
 
 
-def an_observation(session_id: str, at: float) -> Observation:
-    """With numbers that any rounding would change."""
+def session(k: int, camera: Pose, true_camera: Pose, centroid: Array, prior: AnyPrior | None = None) -> Observation:
+    """The session number k of a camera believed at `camera` that is at `true_camera`, whose samples were exact."""
+    prior = prior or Prior()
+    correction = true_camera @ camera.inverse()
+    gain = prior.covariance @ np.linalg.inv(prior.covariance + STATED)
     return Observation(
-        session_id,
-        at,
-        Pose.from_rotation_vector([0.1, 0.2, 1 / 3], [0.1, 1 / 3, 0.7]),
-        Pose.from_rotation_vector([0.01, 0.02, 0.01 / 3], [0.001, 0.01 / 3, 0.007]),
-        np.array([0.4, 1 / 3, 0.02]),
-        np.diag([1e-4 / 3] * 3 + [1e-6 / 3] * 3),
-        Pose.identity(),
-        np.diag([2.5e-3] * 3 + [1.3e-4] * 3),
+        session_id=f"s{k:04d}",
+        at=float(k),
+        base_T_camera=camera,
+        base_T_correction=_towards(prior.mean, correction, centroid, gain),
+        centroid=centroid,
+        covariance=(np.eye(6) - gain) @ prior.covariance,
+        prior_mean=prior.mean,
+        prior_covariance=prior.covariance,
     )
 
 
-def counted(session_id: str, last: int, at: float = 1.7e9 + 1 / 3, state: str = "steady") -> CameraUpdate:
-    """A session that counts, and that was computed from the observations up to `last`."""
-    summary = summary_from_row({"id": "head", "summary": new_summary_column("head"), "sessions": 0})
-    drift = CalibrationDrift(state, None if state == "steady" else session_id)
-    entry = CameraEntry(session_id, at, "", an_observation(session_id, at), 0.01 / 3, 0.02 / 3)
-    return CameraUpdate(entry, replace(summary, drift=drift), last)
+def _towards(start: Pose, end: Pose, centroid: Array, gain: Array) -> Pose:
+    from pretouch_orchestrator.calibration.observation import difference
+
+    step = gain @ difference(end, start, centroid)
+    return turned(step[:3], step[3:], start.apply(centroid)) @ start
 
 
-def left_out(session_id: str, reason: str = "It failed.") -> CameraUpdate:
-    return CameraUpdate(CameraEntry(session_id, 1.7e9, reason))
+def campaign(
+    rng: np.random.Generator, count: int, spread: float, errors: tuple[Pose, Pose] | None = None
+) -> list[Observation]:
+    """Sessions of a camera within +-spread rad of azimuth, with the errors (E, G), drawn unless given, and residuals of
+    1 mm and 0.2 deg."""
+    camera_error, base_error = errors or draw_errors(rng)
+    seen = []
+    for k in range(count):
+        camera = camera_at(rng.uniform(-spread, spread))
+        centroid = np.append(rng.uniform(-0.1, 0.1, 2), 0.05)
+        own = turned(rng.normal(size=3) * 0.0035, rng.normal(size=3) * 0.001, camera.inverse().apply(centroid))
+        seen.append(session(k, camera, base_error @ camera @ camera_error @ own, centroid))
+    return seen
+
+
+def draw_errors(rng: np.random.Generator) -> tuple[Pose, Pose]:
+    """(E, G) of 2 deg and 8 mm an axis, about an object in front of the camera."""
+    in_camera = np.array([0.0, 0.0, 0.9])
+    return (
+        turned(rng.normal(size=3) * 0.035, rng.normal(size=3) * 0.008, in_camera),
+        turned(rng.normal(size=3) * 0.035, rng.normal(size=3) * 0.008, np.zeros(3)),
+    )

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.camera_sessions import camera_record, converged, counted
+from helpers.camera_ends import camera_record, converged, counted
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_orchestrator.calibration import Calibration

@@ -12,7 +12,7 @@ from contextlib import AsyncExitStack, closing
 from pathlib import Path
 
 import pytest
-from helpers.camera_sessions import camera_record, converged, counted, left_out
+from helpers.camera_ends import camera_record, converged, counted, left_out
 from helpers.stores import same
 from pretouch_orchestrator.sessions.endings import cancel
 from pretouch_orchestrator.store import camera_sql, open_store
@@ -173,7 +173,7 @@ async def test_of_many_ends_at_once_none_is_lost_or_doubled(store_address: str) 
 
 _KILLED = """
 import asyncio, os, signal, sys
-from helpers.camera_sessions import camera_record, converged, counted
+from helpers.camera_ends import camera_record, converged, counted
 from pretouch_orchestrator.store import camera_sql, open_store
 
 async def main():

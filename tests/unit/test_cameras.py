@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.camera_sessions import camera_record, converged
+from helpers.camera_ends import camera_record, converged
 from helpers.loop_fakes import RandomDetector
 from helpers.records import a_record
 from helpers.scenes import Box, View, World

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from helpers.camera_sessions import camera_record, converged, counted
+from helpers.camera_ends import camera_record, converged, counted
 from helpers.old_store import FINGERPRINT, KEY, write_old_postgresql, write_old_store
 from helpers.postgresql import PostgresqlServer
 from helpers.records import a_record, after_a_scan, after_telling

@@ -14,6 +14,7 @@ from pretouch.prior import MAX_SHIFT, MAX_TURN, PosePrior, Prior
 from pretouch_orchestrator.calibration.model import Sides
 from pretouch_orchestrator.calibration.observation import difference
 from pretouch_orchestrator.calibration.regimes import is_same_place
+from pretouch_orchestrator.calibration.residual import in_base
 
 
 class DriftState(StrEnum):
@@ -48,8 +49,8 @@ class Calibration:
         base_T_base: G.
         covariance: 12 x 12, E first, then G; of each the error (log(R_true R^T), t_true - t) of rotation R and
             translation t; rad^2, rad m, m^2.
-        residual_translation_std: what differs from session to session along each axis at the object, in metres.
-        residual_rotation_std: the same about each axis through the object's centroid, in radians.
+        residual: 6 x 6, covariance of what differs from session to session: a small rotation about the object's
+            centroid and its translation, in the camera's axes; rad^2, rad m, m^2.
         drift: whether the camera has moved against its calibration.
         rejected: by session that does not count, why.
         count: number of sessions that count.
@@ -59,12 +60,21 @@ class Calibration:
     camera_T_camera: Pose = field(default_factory=Pose.identity)
     base_T_base: Pose = field(default_factory=Pose.identity)
     covariance: Array = field(default_factory=lambda: np.zeros((12, 12)))
-    residual_translation_std: float = 0.0
-    residual_rotation_std: float = 0.0
+    residual: Array = field(default_factory=lambda: np.zeros((6, 6)))
     drift: Drift = Drift(DriftState.STEADY)
     rejected: Mapping[str, str] = field(default_factory=dict)
     count: int = 0
     base_T_fixed: Pose | None = None
+
+    @property
+    def residual_translation_std(self) -> float:
+        """m: of `residual`, along an axis, as the root mean square of the three."""
+        return float(np.sqrt(np.trace(self.residual[3:, 3:]) / 3))
+
+    @property
+    def residual_rotation_std(self) -> float:
+        """rad: of `residual`, about an axis through the object's centroid, as the root mean square of the three."""
+        return float(np.sqrt(np.trace(self.residual[:3, :3]) / 3))
 
     def correct(self, base_T_camera: Pose) -> Pose:
         """The camera's pose in base where it is believed at `base_T_camera`: G B E."""
@@ -87,7 +97,9 @@ class Calibration:
         sides = self._sides()
         mean = sides.correction(base_T_camera)
         jacobian = sides.jacobian(base_T_camera, point)
-        covariance = jacobian @ self.covariance @ jacobian.T + self._residual()
+        covariance = jacobian @ self.covariance @ jacobian.T + in_base(
+            self.residual, sides.correct(base_T_camera).rotation
+        )
         off = difference(mean, Pose.identity(), point)
         widths = np.trace(np.linalg.solve(Prior().covariance, covariance)) / 6
         if widths >= 1 or np.linalg.norm(off[:3]) > MAX_TURN or np.linalg.norm(off[3:]) > MAX_SHIFT:
@@ -96,6 +108,3 @@ class Calibration:
 
     def _sides(self) -> Sides:
         return Sides(self.camera_T_camera, self.base_T_base, np.zeros(3), np.zeros(3))
-
-    def _residual(self) -> Array:
-        return np.diag([self.residual_rotation_std**2] * 3 + [self.residual_translation_std**2] * 3)

@@ -12,6 +12,7 @@ from pretouch_orchestrator.calibration.calibration import Calibration, Drift, Dr
 from pretouch_orchestrator.calibration.model import Sides
 from pretouch_orchestrator.calibration.observation import Evidence, Observation, difference, remove_prior
 from pretouch_orchestrator.calibration.regimes import Reading, Regime, filter_regimes, mix
+from pretouch_orchestrator.calibration.residual import estimate_residual
 
 _PASSES = 3
 _SETTLED = 1e-2
@@ -38,12 +39,7 @@ def estimate_calibration(observations: Sequence[Observation]) -> Calibration:
     for _ in range(_PASSES):
         readings = [_read(sides, seen, own) for seen, own in told]
         regimes = filter_regimes(readings, sides.change_to_nothing(), _prior_covariance())
-        probabilities = np.array([regime.probability for regime in regimes])
-        mean, covariance = mix(
-            probabilities,
-            np.stack([regime.mean for regime in regimes]),
-            np.stack([regime.covariance for regime in regimes]),
-        )
+        mean, covariance = _mix(regimes)
         sides = sides.changed(mean)
         if np.abs(mean).max() < _SETTLED:
             break
@@ -54,8 +50,7 @@ def estimate_calibration(observations: Sequence[Observation]) -> Calibration:
         camera_T_camera=sides.camera_T_camera,
         base_T_base=sides.base_T_base,
         covariance=moves @ covariance @ moves.T,
-        residual_translation_std=_mean_std(probabilities, [regime.translation_variance for regime in regimes]),
-        residual_rotation_std=_mean_std(probabilities, [regime.rotation_variance for regime in regimes]),
+        residual=_residual(readings, mean, covariance, regimes),
         drift=_judge(seen, regimes),
         rejected=rejected | _explain(seen, main, sides),
         count=sum(right >= _WRONG for right in main.right),
@@ -88,8 +83,24 @@ def _read(sides: Sides, seen: Observation, own: Evidence) -> Reading:
     )
 
 
-def _mean_std(probabilities: Array, variances: list[float]) -> float:
-    return float(np.sqrt(np.average(variances, weights=probabilities)))
+def _mix(regimes: list[Regime]) -> tuple[Array, Array]:
+    weights = np.array([[regime.probability] for regime in regimes])
+    means, covariances = (np.stack([getattr(one, name) for one in regimes]) for name in ("mean", "covariance"))
+    mean, covariance = mix(weights, means[:, None], covariances[:, None])
+    return mean[0], covariance[0]
+
+
+def _residual(readings: list[Reading], mean: Array, covariance: Array, regimes: list[Regime]) -> Array:
+    weights = [regime.probability for regime in regimes]
+    rotation = np.average([regime.rotation_variance for regime in regimes], weights=weights)
+    translation = np.average([regime.translation_variance for regime in regimes], weights=weights)
+    main = regimes[0]
+    counted = [
+        reading._replace(values=reading.values - reading.jacobian @ mean)
+        for reading, right in zip(readings[main.start :], main.right, strict=True)
+        if right >= _WRONG
+    ]
+    return estimate_residual(counted, covariance, np.diag([rotation] * 3 + [translation] * 3))
 
 
 def _judge(seen: list[Observation], regimes: list[Regime]) -> Drift:

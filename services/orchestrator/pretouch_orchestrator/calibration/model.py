@@ -38,11 +38,10 @@ class Sides(NamedTuple):
 
     def jacobian(self, base_T_camera: Pose, point: Array) -> Array:
         """(6, 12): the change of `correction` at the point (3,), m, in base as believed, by changes of both sides."""
-        moved = self.correction(base_T_camera).apply(point)
-        base_T_corrected = self.base_T_base @ base_T_camera
-        turn = base_T_corrected.rotation
-        camera_arm = turn @ (base_T_corrected.inverse().apply(moved) - self.camera_T_camera.apply(self.camera_pivot))
-        base_arm = moved - self.base_T_base.apply(self.base_pivot)
+        in_camera = self.camera_T_camera.apply(base_T_camera.rotation.T @ (point - base_T_camera.translation))
+        turn = self.base_T_base.rotation @ base_T_camera.rotation
+        camera_arm = turn @ (in_camera - self.camera_T_camera.apply(self.camera_pivot))
+        base_arm = self.base_T_base.rotation @ (base_T_camera.apply(in_camera) - self.base_pivot)
         jacobian = np.zeros((6, 12))
         jacobian[:3, 0:3], jacobian[:3, 6:9] = turn, np.eye(3)
         jacobian[3:, 0:3], jacobian[3:, 3:6] = -cross_matrix(camera_arm) @ turn, turn

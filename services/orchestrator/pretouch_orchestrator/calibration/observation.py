@@ -13,7 +13,7 @@ from pretouch.geometry import Array, Matrix6, Pose, Vector3, frozen_array, vecto
 _FLOOR_STD = 1e-4
 """m or rad: no session is taken to know a direction better than this."""
 _MIN_GAIN = 0.25
-"""Information gained, in that of the prior, from which a direction counts: less would multiply the answer's error by 5."""
+"""Information gained, as a share of the prior's, from which a direction counts: the answer's error is divided by it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,6 @@ _WALK, _PUSH = (
         (assumptions.PUSH_ROTATION, assumptions.PUSH_TRANSLATION),
     )
 )
-_STATE = ("means", "covariances")
 
 
 class Reading(NamedTuple):
@@ -144,19 +143,12 @@ def _begin(k: int, regimes: list[_Regime], reading: Reading, prior: tuple[Array,
         regime.fixed = regime.fixed and same
     weights = np.logaddexp.reduce(born, axis=0)
     shares = np.exp(np.stack(ended) - np.logaddexp.reduce(ended, axis=0))
-    pushed = [
-        mix(shares[:, g], *(np.stack([getattr(regime, name)[g] for regime in regimes]) for name in _STATE))
-        for g in range(len(weights))
-    ]
+    means, covariances = mix(
+        shares, np.stack([regime.means for regime in regimes]), np.stack([regime.covariances for regime in regimes])
+    )
     return [
         _Regime(k, weights + np.log(1 - assumptions.PUSHED), *fresh, reading.base_T_camera),
-        _Regime(
-            k,
-            weights + np.log(assumptions.PUSHED),
-            np.stack([mean for mean, _ in pushed]),
-            np.stack([covariance + _PUSH for _, covariance in pushed]),
-            reading.base_T_camera,
-        ),
+        _Regime(k, weights + np.log(assumptions.PUSHED), means, covariances + _PUSH, reading.base_T_camera),
     ]
 
 
@@ -205,12 +197,12 @@ def _prune(regimes: list[_Regime]) -> list[_Regime]:
 
 def _summarise(regime: _Regime) -> Regime:
     grid = np.exp(regime.weights - regime.weight())
-    mean, covariance = mix(grid, regime.means, regime.covariances)
+    mean, covariance = mix(grid[:, None], regime.means[:, None], regime.covariances[:, None])
     return Regime(
         start=regime.start,
         probability=float(np.exp(regime.weight())),
-        mean=mean,
-        covariance=covariance,
+        mean=mean[0],
+        covariance=covariance[0],
         rotation_variance=float(grid @ _ROTATIONS**2),
         translation_variance=float(grid @ _TRANSLATIONS**2),
         right=tuple(regime.right),
@@ -219,9 +211,15 @@ def _summarise(regime: _Regime) -> Regime:
 
 
 def mix(weights: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
-    """Mean (d,) and covariance (d, d) of a mixture of normal distributions (n, d), (n, d, d)."""
-    weights = weights / weights.sum()
-    mean = weights @ means
+    """Means (m, d) and covariances (m, d, d) of m mixtures of n normal distributions each.
+
+    Args:
+        weights: (n, m), any sum.
+        means: (n, m, d).
+        covariances: (n, m, d, d).
+    """
+    weights = weights / weights.sum(axis=0)
+    mean = (weights[..., None] * means).sum(axis=0)
     off = means - mean
-    covariance = np.einsum("n,nij->ij", weights, covariances) + (weights[:, None] * off).T @ off
-    return mean, 0.5 * (covariance + covariance.T)
+    covariance = (weights[..., None, None] * (covariances + off[..., :, None] * off[..., None, :])).sum(axis=0)
+    return mean, 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
