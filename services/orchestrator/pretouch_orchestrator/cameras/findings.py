@@ -35,7 +35,7 @@ _DISHONEST = {
     Exhaustion.SENSOR: "Its samples are no measurements.",
     Exhaustion.OUT_OF_RANGE: "The finger met nothing within its range.",
 }
-_UNKNOWN: Array = np.kron(np.eye(2), assumptions.SIDE.covariance)
+_UNKNOWN: Array = np.asarray(np.kron(np.eye(2), assumptions.SIDE.covariance), dtype=np.float64)
 """Covariance of both sides of a camera of which nothing is known."""
 _UNKNOWN_RESIDUAL = CalibrationResidual(assumptions.SIDE.translation_std, assumptions.SIDE.rotation_std)
 _STEP = 1e-3
