@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Vector3 = Annotated[Array, (3,)]
 Vector6 = Annotated[Array, (6,)]
 Matrix6 = Annotated[Array, (6, 6)]
+Matrix12 = Annotated[Array, (12, 12)]
 """Arrays whose shape is part of the contract: `pretouch.wire` reads it from the annotation."""
 
 QUATERNION_NORM_TOLERANCE = 1e-3

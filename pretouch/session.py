@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from pretouch.calibrated_camera import check_camera_id
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput, TooLarge
 from pretouch.estimate import Estimate
@@ -143,6 +144,8 @@ class SessionRequest:
         scan: how the finger moves; left out: the defaults.
         proposer: how regions are proposed; left out: the best proposer that is ready.
         planner: how the next region is chosen: by what its scan would tell, or by the proposer's confidence.
+        camera_id: name of the camera, of letters, digits, ".", "_" and "-": sessions that give the same name learn its
+            calibration error from each other; left out: nothing is learned.
 
     Raises:
         Malformed: a value is not finite.
@@ -164,8 +167,11 @@ class SessionRequest:
     scan: ScanSettings = field(default_factory=ScanSettings)
     proposer: Proposer | None = None
     planner: Planner = Planner.INFORMATION
+    camera_id: str | None = None
 
     def __post_init__(self) -> None:
+        if self.camera_id is not None:
+            check_camera_id(self.camera_id)
         if self.depth_scale is not None:
             _positive(self, "camera", {"depth_scale": 1000.0})
         for name in ("width", "height"):

@@ -12,7 +12,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 _ROOT = Path(__file__).parents[2]
-_FILES = ("orchestrator", "sensor_gateway", "recording", "detector", "registrar", "common")
+_FILES = ("orchestrator", "calibrated_camera", "sensor_gateway", "recording", "detector", "registrar", "common")
 """What a robot talks to first, what only services need last."""
 _INTRODUCTION = """# gRPC
 

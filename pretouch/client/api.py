@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from pretouch.calibrated_camera import CalibratedCamera, CameraSummary
 from pretouch.client.images import ImageLike
 from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
 
@@ -66,3 +67,12 @@ class SessionApi(ABC, Generic[MessageT, AnswerT]):
 
     @abstractmethod
     def cancel(self, session_id: str, purge: bool) -> Call[MessageT, AnswerT, None]: ...
+
+    @abstractmethod
+    def cameras(self) -> Call[MessageT, AnswerT, tuple[CameraSummary, ...]]: ...
+
+    @abstractmethod
+    def camera(self, camera_id: str) -> Call[MessageT, AnswerT, CalibratedCamera]: ...
+
+    @abstractmethod
+    def forget_camera(self, camera_id: str) -> Call[MessageT, AnswerT, None]: ...

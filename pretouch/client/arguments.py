@@ -26,7 +26,7 @@ def check_timeout(timeout: float) -> float:
 
 
 def check_id(kind: str, id: str) -> str:
-    """Raises `NotFound` if no `kind` ("session" or "scan") can have this id: in a path it might name something else."""
+    """Raises `NotFound` if no `kind` ("session", "scan", "camera") can have this id: in a path it might name others."""
     if not isinstance(id, str):
         raise InvalidInput(f"The id of a {kind} is {id!r:.80}.", "Give the text that the service answered.")
     if _ID.fullmatch(id) is None or id in (".", ".."):

@@ -23,7 +23,7 @@ class Event:
 
     Attributes:
         id: increases within a session.
-        type: "session", "scan", "estimate" or "end"; a newer service may know others.
+        type: "session", "scan", "estimate", "camera" or "end"; a newer service may know others.
         data: the event's JSON.
     """
 

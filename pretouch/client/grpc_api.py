@@ -9,12 +9,15 @@ from typing import Any
 
 from google.protobuf.message import Message
 
+from pretouch.calibrated_camera import CalibratedCamera, CameraSummary
 from pretouch.client.api import Call, ResultT, SessionApi, SessionPage
 from pretouch.client.arguments import check_id, check_key
 from pretouch.client.images import ImageLike, load_depth, load_mask
 from pretouch.errors import Conflict, Internal, InvalidInput
 from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
+from pretouch.v1 import calibrated_camera_pb2 as camera_pb
 from pretouch.v1 import orchestrator_pb2 as pb
+from pretouch.wire.calibrated_camera import camera_from_proto, camera_summary_from_proto
 from pretouch.wire.session import (
     progress_from_proto,
     request_to_proto,
@@ -82,6 +85,17 @@ class GrpcSessionApi(SessionApi[RpcMessage, Any]):
         request = pb.CancelSessionRequest(session_id=check_id("session", session_id), purge=purge)
         return Call(RpcMessage("CancelSession", request), lambda _: None)
 
+    def cameras(self) -> Call[RpcMessage, Any, tuple[CameraSummary, ...]]:
+        return Call(RpcMessage("ListCameras", camera_pb.ListCamerasRequest()), _decode_cameras)
+
+    def camera(self, camera_id: str) -> Call[RpcMessage, Any, CalibratedCamera]:
+        request = camera_pb.GetCameraRequest(camera_id=check_id("camera", camera_id))
+        return Call(RpcMessage("GetCamera", request), _decode_camera)
+
+    def forget_camera(self, camera_id: str) -> Call[RpcMessage, Any, None]:
+        request = camera_pb.ForgetCameraRequest(camera_id=check_id("camera", camera_id))
+        return Call(RpcMessage("ForgetCamera", request), lambda _: None)
+
 
 def _decode_session(answer: Any) -> Session:
     return _decode(lambda: session_from_proto(answer.session))
@@ -93,6 +107,14 @@ def _decode_progress(answer: pb.TellSamplesResponse) -> ScanProgress:
 
 def _decode_page(answer: pb.ListSessionsResponse) -> SessionPage:
     return _decode(lambda: SessionPage(tuple(map(session_from_proto, answer.sessions)), answer.next))
+
+
+def _decode_cameras(answer: camera_pb.ListCamerasResponse) -> tuple[CameraSummary, ...]:
+    return _decode(lambda: tuple(map(camera_summary_from_proto, answer.cameras)))
+
+
+def _decode_camera(answer: camera_pb.GetCameraResponse) -> CalibratedCamera:
+    return _decode(lambda: camera_from_proto(answer.camera))
 
 
 def _decode(parse: Callable[[], ResultT]) -> ResultT:

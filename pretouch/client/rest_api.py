@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from email.utils import parsedate_to_datetime
 from typing import Any
 
+from pretouch.calibrated_camera import CalibratedCamera, CameraSummary
 from pretouch.channel import MESSAGE_LIMIT
 from pretouch.client.api import Call, ResultT, SessionApi, SessionPage
 from pretouch.client.arguments import check_id, check_key
@@ -18,6 +19,8 @@ from pretouch.errors import WIRE, Internal, InvalidInput, Unavailable, from_prob
 from pretouch.session import ScanPlan, ScanProgress, Session, SessionRequest, Submission, Telling
 from pretouch.tracing import propagated
 from pretouch.wire.json import (
+    camera_from_json,
+    camera_list_from_json,
     progress_from_json,
     request_to_json,
     scan_plan_from_json,
@@ -97,6 +100,15 @@ class RestSessionApi(SessionApi[HttpMessage, HttpAnswer]):
         options = {"params": {"purge": "true"}} if purge else {}
         return Call(HttpMessage("DELETE", session_path(session_id), options), raise_for_problem)
 
+    def cameras(self) -> Call[HttpMessage, HttpAnswer, tuple[CameraSummary, ...]]:
+        return Call(HttpMessage("GET", "/v1/cameras"), _decode_with(camera_list_from_json))
+
+    def camera(self, camera_id: str) -> Call[HttpMessage, HttpAnswer, CalibratedCamera]:
+        return Call(HttpMessage("GET", _camera_path(camera_id)), _decode_with(camera_from_json))
+
+    def forget_camera(self, camera_id: str) -> Call[HttpMessage, HttpAnswer, None]:
+        return Call(HttpMessage("DELETE", _camera_path(camera_id)), raise_for_problem)
+
 
 def with_trace(message: HttpMessage) -> dict[str, Any]:
     """The message's options, with the headers of the current span."""
@@ -121,6 +133,10 @@ def recording_call(session_id: str) -> Call[HttpMessage, HttpAnswer, bytes]:
 
 def _scan_path(session_id: str, scan_id: str) -> str:
     return f"{session_path(session_id)}/scans/{check_id('scan', scan_id)}"
+
+
+def _camera_path(camera_id: str) -> str:
+    return f"/v1/cameras/{check_id('camera', camera_id)}"
 
 
 def raise_for_problem(answer: HttpAnswer) -> None:

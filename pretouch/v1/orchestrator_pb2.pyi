@@ -236,6 +236,7 @@ class CreateSessionRequest(_message.Message):
     WIDTH_FIELD_NUMBER: _builtins.int
     HEIGHT_FIELD_NUMBER: _builtins.int
     POSE_PRIOR_FIELD_NUMBER: _builtins.int
+    CAMERA_ID_FIELD_NUMBER: _builtins.int
     depth_scale: _builtins.float
     """Metres that one stored unit of the depth image stands for; left out: 0.001 for integers, 1 for floats."""
     proposer: _builtins.str
@@ -248,6 +249,10 @@ class CreateSessionRequest(_message.Message):
     """Number of columns of the image that the intrinsics were made for, in pixels; left out: not checked."""
     height: _builtins.int
     """Number of rows of the image that the intrinsics were made for, in pixels; left out: not checked."""
+    camera_id: _builtins.str
+    """Name of the camera, of letters, digits, ".", "_" and "-": sessions that give the same name learn its calibration
+    error from each other; left out: nothing is learned.
+    """
     @_builtins.property
     def camera(self) -> _common_pb2.Camera:
         """Intrinsics of the depth image."""
@@ -324,10 +329,11 @@ class CreateSessionRequest(_message.Message):
         width: _builtins.int | None = ...,
         height: _builtins.int | None = ...,
         pose_prior: _common_pb2.PosePrior | None = ...,
+        camera_id: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "mask", b"mask", "pose_prior", b"pose_prior", "prior", b"prior", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "idempotency_key", b"idempotency_key", "mask", b"mask", "planner", b"planner", "pose_prior", b"pose_prior", "prior", b"prior", "proposer", b"proposer", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale", "_height", b"_height", "_width", b"_width", "base_t_camera", b"base_t_camera", "base_t_object", b"base_t_object", "budget", b"budget", "camera", b"camera", "camera_id", b"camera_id", "depth", b"depth", "depth_scale", b"depth_scale", "height", b"height", "idempotency_key", b"idempotency_key", "mask", b"mask", "planner", b"planner", "pose_prior", b"pose_prior", "prior", b"prior", "proposer", b"proposer", "roi", b"roi", "scan", b"scan", "sensor", b"sensor", "table", b"table", "tolerance", b"tolerance", "width", b"width"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__depth_scale: _TypeAlias = _typing.Literal["depth_scale"]  # noqa: Y015
     _WhichOneofArgType__depth_scale: _TypeAlias = _typing.Literal["_depth_scale", b"_depth_scale"]  # noqa: Y015
@@ -1063,7 +1069,7 @@ class CancelSessionRequest(_message.Message):
     session_id: _builtins.str
     """Name of the session."""
     purge: _builtins.bool
-    """Whether the session is also removed, with all that is stored of it."""
+    """Whether the session is also removed, with all that is stored of it but what its camera has learned."""
     def __init__(
         self,
         *,
@@ -1140,7 +1146,7 @@ class StreamEventsResponse(_message.Message):
     id: _builtins.int
     """Number of the event within its session: 1, 2, ..."""
     type: _builtins.str
-    """"session", "scan", "estimate" or "end"."""
+    """"session", "scan", "estimate", "camera" or "end"."""
     data: _builtins.str
     """The event's data: the same JSON as on the REST stream."""
     def __init__(

@@ -3,6 +3,7 @@
 import grpc
 import warnings
 
+from pretouch.v1 import calibrated_camera_pb2 as pretouch_dot_v1_dot_calibrated__camera__pb2
 from pretouch.v1 import orchestrator_pb2 as pretouch_dot_v1_dot_orchestrator__pb2
 
 GRPC_GENERATED_VERSION = '1.85.1'
@@ -75,6 +76,21 @@ class OrchestratorServiceStub:
                 request_serializer=pretouch_dot_v1_dot_orchestrator__pb2.RunSessionRequest.SerializeToString,
                 response_deserializer=pretouch_dot_v1_dot_orchestrator__pb2.RunSessionResponse.FromString,
                 _registered_method=True)
+        self.ListCameras = channel.unary_unary(
+                '/pretouch.v1.OrchestratorService/ListCameras',
+                request_serializer=pretouch_dot_v1_dot_calibrated__camera__pb2.ListCamerasRequest.SerializeToString,
+                response_deserializer=pretouch_dot_v1_dot_calibrated__camera__pb2.ListCamerasResponse.FromString,
+                _registered_method=True)
+        self.GetCamera = channel.unary_unary(
+                '/pretouch.v1.OrchestratorService/GetCamera',
+                request_serializer=pretouch_dot_v1_dot_calibrated__camera__pb2.GetCameraRequest.SerializeToString,
+                response_deserializer=pretouch_dot_v1_dot_calibrated__camera__pb2.GetCameraResponse.FromString,
+                _registered_method=True)
+        self.ForgetCamera = channel.unary_unary(
+                '/pretouch.v1.OrchestratorService/ForgetCamera',
+                request_serializer=pretouch_dot_v1_dot_calibrated__camera__pb2.ForgetCameraRequest.SerializeToString,
+                response_deserializer=pretouch_dot_v1_dot_calibrated__camera__pb2.ForgetCameraResponse.FromString,
+                _registered_method=True)
 
 
 class OrchestratorServiceServicer:
@@ -139,6 +155,27 @@ class OrchestratorServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ListCameras(self, request, context):
+        """Lists the cameras that sessions have named, in the order of their names.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def GetCamera(self, request, context):
+        """Returns what is known of a camera.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ForgetCamera(self, request, context):
+        """Forgets all that was learned of a camera; its sessions stay.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
 
 def add_OrchestratorServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
@@ -181,6 +218,21 @@ def add_OrchestratorServiceServicer_to_server(servicer, server):
                     servicer.RunSession,
                     request_deserializer=pretouch_dot_v1_dot_orchestrator__pb2.RunSessionRequest.FromString,
                     response_serializer=pretouch_dot_v1_dot_orchestrator__pb2.RunSessionResponse.SerializeToString,
+            ),
+            'ListCameras': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListCameras,
+                    request_deserializer=pretouch_dot_v1_dot_calibrated__camera__pb2.ListCamerasRequest.FromString,
+                    response_serializer=pretouch_dot_v1_dot_calibrated__camera__pb2.ListCamerasResponse.SerializeToString,
+            ),
+            'GetCamera': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetCamera,
+                    request_deserializer=pretouch_dot_v1_dot_calibrated__camera__pb2.GetCameraRequest.FromString,
+                    response_serializer=pretouch_dot_v1_dot_calibrated__camera__pb2.GetCameraResponse.SerializeToString,
+            ),
+            'ForgetCamera': grpc.unary_unary_rpc_method_handler(
+                    servicer.ForgetCamera,
+                    request_deserializer=pretouch_dot_v1_dot_calibrated__camera__pb2.ForgetCameraRequest.FromString,
+                    response_serializer=pretouch_dot_v1_dot_calibrated__camera__pb2.ForgetCameraResponse.SerializeToString,
             ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
@@ -400,6 +452,87 @@ class OrchestratorService:
             '/pretouch.v1.OrchestratorService/RunSession',
             pretouch_dot_v1_dot_orchestrator__pb2.RunSessionRequest.SerializeToString,
             pretouch_dot_v1_dot_orchestrator__pb2.RunSessionResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListCameras(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/pretouch.v1.OrchestratorService/ListCameras',
+            pretouch_dot_v1_dot_calibrated__camera__pb2.ListCamerasRequest.SerializeToString,
+            pretouch_dot_v1_dot_calibrated__camera__pb2.ListCamerasResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetCamera(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/pretouch.v1.OrchestratorService/GetCamera',
+            pretouch_dot_v1_dot_calibrated__camera__pb2.GetCameraRequest.SerializeToString,
+            pretouch_dot_v1_dot_calibrated__camera__pb2.GetCameraResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ForgetCamera(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/pretouch.v1.OrchestratorService/ForgetCamera',
+            pretouch_dot_v1_dot_calibrated__camera__pb2.ForgetCameraRequest.SerializeToString,
+            pretouch_dot_v1_dot_calibrated__camera__pb2.ForgetCameraResponse.FromString,
             options,
             channel_credentials,
             insecure,

@@ -9,6 +9,7 @@ of the fingertip sensor, z along its beam.
 
 from collections import abc as _abc
 from grpc import aio as _aio
+from pretouch.v1 import calibrated_camera_pb2 as _calibrated_camera_pb2
 from pretouch.v1 import orchestrator_pb2 as _orchestrator_pb2
 import abc as _abc_1
 import grpc as _grpc
@@ -57,6 +58,12 @@ class OrchestratorServiceStub:
     """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
     and samples of scans under way, answered with the scan's progress.
     """
+    ListCameras: _grpc.UnaryUnaryMultiCallable[_calibrated_camera_pb2.ListCamerasRequest, _calibrated_camera_pb2.ListCamerasResponse]
+    """Lists the cameras that sessions have named, in the order of their names."""
+    GetCamera: _grpc.UnaryUnaryMultiCallable[_calibrated_camera_pb2.GetCameraRequest, _calibrated_camera_pb2.GetCameraResponse]
+    """Returns what is known of a camera."""
+    ForgetCamera: _grpc.UnaryUnaryMultiCallable[_calibrated_camera_pb2.ForgetCameraRequest, _calibrated_camera_pb2.ForgetCameraResponse]
+    """Forgets all that was learned of a camera; its sessions stay."""
 
 @_typing.type_check_only
 class OrchestratorServiceAsyncStub(OrchestratorServiceStub):
@@ -83,6 +90,12 @@ class OrchestratorServiceAsyncStub(OrchestratorServiceStub):
     """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
     and samples of scans under way, answered with the scan's progress.
     """
+    ListCameras: _aio.UnaryUnaryMultiCallable[_calibrated_camera_pb2.ListCamerasRequest, _calibrated_camera_pb2.ListCamerasResponse]  # type: ignore[assignment]
+    """Lists the cameras that sessions have named, in the order of their names."""
+    GetCamera: _aio.UnaryUnaryMultiCallable[_calibrated_camera_pb2.GetCameraRequest, _calibrated_camera_pb2.GetCameraResponse]  # type: ignore[assignment]
+    """Returns what is known of a camera."""
+    ForgetCamera: _aio.UnaryUnaryMultiCallable[_calibrated_camera_pb2.ForgetCameraRequest, _calibrated_camera_pb2.ForgetCameraResponse]  # type: ignore[assignment]
+    """Forgets all that was learned of a camera; its sessions stay."""
 
 class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
     """Drives scan-until-converged sessions."""
@@ -154,5 +167,29 @@ class OrchestratorServiceServicer(metaclass=_abc_1.ABCMeta):
         """Runs a whole session on one stream: `create` or `session_id` first, then scans, each answered with the session,
         and samples of scans under way, answered with the scan's progress.
         """
+
+    @_abc_1.abstractmethod
+    def ListCameras(
+        self,
+        request: _calibrated_camera_pb2.ListCamerasRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_calibrated_camera_pb2.ListCamerasResponse, _abc.Awaitable[_calibrated_camera_pb2.ListCamerasResponse]]:
+        """Lists the cameras that sessions have named, in the order of their names."""
+
+    @_abc_1.abstractmethod
+    def GetCamera(
+        self,
+        request: _calibrated_camera_pb2.GetCameraRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_calibrated_camera_pb2.GetCameraResponse, _abc.Awaitable[_calibrated_camera_pb2.GetCameraResponse]]:
+        """Returns what is known of a camera."""
+
+    @_abc_1.abstractmethod
+    def ForgetCamera(
+        self,
+        request: _calibrated_camera_pb2.ForgetCameraRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_calibrated_camera_pb2.ForgetCameraResponse, _abc.Awaitable[_calibrated_camera_pb2.ForgetCameraResponse]]:
+        """Forgets all that was learned of a camera; its sessions stay."""
 
 def add_OrchestratorServiceServicer_to_server(servicer: OrchestratorServiceServicer, server: _typing.Union[_grpc.Server, _aio.Server]) -> None: ...

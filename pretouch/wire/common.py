@@ -109,6 +109,8 @@ def _value_to_proto(value: Any) -> Any:
 
 
 def _value_from_proto(value: Any, wanted: Any, path: str) -> Any:
+    if type(None) in get_args(wanted):
+        wanted = get_args(wanted)[0]
     if get_origin(wanted) is tuple:
         return tuple(_value_from_proto(item, get_args(wanted)[0], f"{path}[{k}]") for k, item in enumerate(value))
     if get_origin(wanted) is Annotated:

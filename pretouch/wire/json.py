@@ -6,11 +6,13 @@ numbers that are not finite `Malformed`. What a service answers may have members
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import Any, TypeVar
 
 import numpy as np
 
+from pretouch.calibrated_camera import CalibratedCamera, CameraSummary
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput
 from pretouch.estimate import Estimate
@@ -46,6 +48,10 @@ from pretouch.wire.json_samples import (
 from pretouch.wire.reader import Members, prefix_errors, read_integer, read_items, read_pose
 
 __all__ = [
+    "camera_from_json",
+    "camera_list_from_json",
+    "camera_list_to_json",
+    "camera_to_json",
     "estimate_from_json",
     "estimate_to_json",
     "pose_from_json",
@@ -88,6 +94,8 @@ def request_to_json(request: SessionRequest) -> dict[str, Any]:
     """The JSON part `request` of `POST /v1/sessions`; every default is spelled out."""
     camera = object_to_json(request.camera)
     camera |= {name: value for name in _OF_IMAGE if (value := getattr(request, name)) is not None}
+    if request.camera_id is not None:
+        camera["id"] = request.camera_id
     document: dict[str, Any] = {
         "camera": camera,
         "base_T_camera": pose_to_json(request.base_T_camera),
@@ -116,11 +124,13 @@ def request_from_json(document: object) -> SessionRequest:
     """
     known = ("camera", "base_T_camera", "roi", "table", "base_T_object", "prior", *_SETTINGS, "proposer", "planner")
     members = Members(document, "", known)
-    camera = members.members("camera", (*names_in_json(Camera), *_OF_IMAGE))
+    camera = members.members("camera", (*names_in_json(Camera), *_OF_IMAGE, "id"))
     given: dict[str, Any] = {}
     if "depth_scale" in camera:
         given["depth_scale"] = camera.number("depth_scale")
     given |= {name: camera.integer(name) for name in ("width", "height") if name in camera}
+    if "id" in camera:
+        given["camera_id"] = camera.text("id")
     if "roi" in members:
         path = members.path("roi")
         roi = read_items(members.get("roi"), path, 4)
@@ -286,3 +296,21 @@ def session_page_from_json(document: object) -> tuple[tuple[Session, ...], str]:
     members = Members(document, "", None)
     cursor = "" if members.get("next") is None else members.text("next")
     return tuple(session_from_json(value) for value in members.items("sessions")), cursor
+
+
+def camera_to_json(camera: CalibratedCamera) -> dict[str, Any]:
+    return object_to_json(camera)
+
+
+def camera_from_json(document: object) -> CalibratedCamera:
+    """Reads what `camera_to_json` writes; raises `InvalidInput` if it is no camera."""
+    return object_from_json(Members(document, "", None), CalibratedCamera)
+
+
+def camera_list_to_json(cameras: Iterable[CameraSummary]) -> dict[str, Any]:
+    return {"cameras": [object_to_json(camera) for camera in cameras]}
+
+
+def camera_list_from_json(document: object) -> tuple[CameraSummary, ...]:
+    """Reads what `camera_list_to_json` writes; raises `InvalidInput` if it is no list of cameras."""
+    return tuple(object_from_json(each, CameraSummary) for each in Members(document, "", None).objects("cameras"))

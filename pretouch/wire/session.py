@@ -75,6 +75,7 @@ def request_to_proto(
         proposer=request.proposer or "",
         planner=request.planner,
         idempotency_key=idempotency_key,
+        camera_id=request.camera_id or "",
     )
     if mask is not None:
         message.mask.CopyFrom(common.array_to_proto(np.asarray(mask) != 0, "u1"))
@@ -115,6 +116,8 @@ def request_from_proto(
     if message.HasField("base_t_object"):
         with prefix_errors("base_t_object"):
             given["base_T_object"] = common.pose_from_proto(message.base_t_object, "base_t_object")
+    if message.camera_id:
+        given["camera_id"] = message.camera_id
     if message.proposer:
         given["proposer"] = _read_choice(message.proposer, "proposer", Proposer)
     if message.planner:

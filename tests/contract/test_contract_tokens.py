@@ -16,7 +16,7 @@ from helpers.fake_upstream import FakeUpstream
 from helpers.processes import Orchestrator
 
 from pretouch.client import RestClient
-from pretouch.errors import Forbidden, Unauthenticated
+from pretouch.errors import Forbidden, NotFound, Unauthenticated
 from pretouch.serving.tokens import make_token
 from pretouch.session import Skipped
 
@@ -75,6 +75,7 @@ async def test_a_token_for_reading_reads_and_changes_nothing(kind: str, shop: Sh
             lambda: reader.create_session(request(), DEPTH, MASK),
             lambda: reader.cancel(session.id),
             lambda: reader.submit(session.id, scan, Skipped()),
+            lambda: reader.forget_camera("head"),
         ):
             with pytest.raises(Forbidden, match="only read") as caught:
                 await change()
@@ -83,6 +84,21 @@ async def test_a_token_for_reading_reads_and_changes_nothing(kind: str, shop: Sh
         assert session.id in [each.id async for each in reader.all_sessions()]
         await owner.cancel(session.id)
         assert [event.type async for event in reader.events(session.id)][-1] == "end"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+async def test_cameras_are_of_their_owner(kind: str, shop: Shop) -> None:
+    camera = f"head-{kind}"
+    async with shop.client(kind, shop.full) as owner, shop.client(kind, shop.read) as reader:
+        await owner.create_session(request(camera_id=camera), DEPTH, MASK)
+        assert (await reader.camera(camera)).id == camera
+        assert camera in [each.id for each in await reader.cameras()]
+        async with shop.client(kind, TOKEN) as stranger:
+            assert camera not in [each.id for each in await stranger.cameras()]
+            for call in (stranger.camera(camera), stranger.forget_camera(camera)):
+                with pytest.raises(NotFound):
+                    await call
+        await owner.forget_camera(camera)
 
 
 async def test_tokens_come_and_go_without_a_restart(shop: Shop) -> None:

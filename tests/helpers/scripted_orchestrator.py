@@ -97,7 +97,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 class _Servicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
-    ListSessions = RunSession = TellSamples = unimplemented
+    ListSessions = RunSession = TellSamples = ListCameras = GetCamera = ForgetCamera = unimplemented
 
     def __init__(self, script: ScriptedOrchestrator) -> None:
         self._script = script

@@ -23,6 +23,7 @@ from pretouch.client import (
 METHODS = {
     *("create_session", "session", "sessions", "all_sessions", "next_scan"),
     *("submit", "tell", "cancel", "events", "close"),
+    *("cameras", "camera", "forget_camera"),
 }
 
 

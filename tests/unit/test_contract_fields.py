@@ -11,8 +11,16 @@ import pytest
 from google.protobuf.descriptor import Descriptor
 from helpers.openapi_document import openapi_document
 from helpers.proto_comments import field_comments
-from pretouch_orchestrator.rest import examples
+from pretouch_orchestrator.rest import camera_examples, examples
 
+from pretouch.calibrated_camera import (
+    CalibratedCamera,
+    CalibrationDrift,
+    CalibrationResidual,
+    CameraSession,
+    CameraSummary,
+    LeftOutSession,
+)
 from pretouch.camera import Camera
 from pretouch.estimate import Estimate, Mode, WeakDirection
 from pretouch.geometry import Plane
@@ -36,7 +44,7 @@ from pretouch.session import (
 )
 from pretouch.session_warning import SessionWarning
 from pretouch.tof import RangeSamples, Sensor
-from pretouch.v1 import common_pb2, orchestrator_pb2
+from pretouch.v1 import calibrated_camera_pb2, common_pb2, orchestrator_pb2
 from pretouch.wire.contract import ContractField, contract_fields
 
 _REQUEST, _CONVERGED = examples.COMPLETE_REQUEST, examples.CONVERGED
@@ -60,7 +68,9 @@ class Contract(NamedTuple):
 
 
 DERIVED = [
-    Contract(Camera, common_pb2.Camera.DESCRIPTOR, "Camera", _REQUEST["camera"], in_json="+depth_scale +width +height"),
+    Contract(
+        Camera, common_pb2.Camera.DESCRIPTOR, "Camera", _REQUEST["camera"], in_json="+depth_scale +width +height +id"
+    ),
     Contract(Plane, common_pb2.Plane.DESCRIPTOR, "Plane", _REQUEST["table"]),
     Contract(Prior, common_pb2.Prior.DESCRIPTOR, "Prior", _REQUEST["prior"]),
     Contract(PosePrior, common_pb2.PosePrior.DESCRIPTOR, "PosePrior", examples.POSE_PRIOR),
@@ -89,6 +99,19 @@ DERIVED = [
         "SessionWarning",
         _CONVERGED["warnings"][0],
     ),
+    *(
+        Contract(
+            owner, calibrated_camera_pb2.DESCRIPTOR.message_types_by_name[owner.__name__], owner.__name__, document
+        )
+        for owner, document in (
+            (CalibratedCamera, camera_examples.CAMERA),
+            (CameraSummary, camera_examples.CAMERA_LIST["cameras"][0]),
+            (CalibrationResidual, camera_examples.CAMERA["residual"]),
+            (CalibrationDrift, camera_examples.CAMERA["drift"]),
+            (CameraSession, camera_examples.CAMERA["history"][0]),
+            (LeftOutSession, camera_examples.CAMERA["left_out"][0]),
+        )
+    ),
     Contract(BudgetUsed, orchestrator_pb2.BudgetUsed.DESCRIPTOR, "BudgetUsed", _CONVERGED["budget_used"]),
 ]
 """Types whose message, JSON and schema are derived from the dataclass."""
@@ -99,7 +122,7 @@ WRITTEN = [
         "SessionRequest",
         _REQUEST | {"proposer": "deep"},
         in_message="+depth +mask +idempotency_key +pose_prior",
-        in_json="-depth_scale -width -height",
+        in_json="-depth_scale -width -height -camera_id",
     ),
     Contract(
         Session,

@@ -10,6 +10,7 @@ from abc import abstractmethod
 from collections.abc import Generator, Iterator
 from contextlib import closing
 
+from pretouch.calibrated_camera import CalibratedCamera, CameraSummary
 from pretouch.client.api import AnswerT, MessageT, SessionApi, SessionPage
 from pretouch.client.arguments import check_event_id, failing_as
 from pretouch.client.events import QUIET, Event, StreamProgress, stream_broken
@@ -86,9 +87,21 @@ class SyncClient(SyncCalls[MessageT, AnswerT]):
     def cancel(self, session_id: str, *, purge: bool = False, timeout: float | None = None) -> None:
         """Cancels a session at once, whatever step is under way; one that has ended keeps its state.
 
-        With `purge` it is also removed, with all that is stored of it.
+        With `purge` it is also removed, with all that is stored of it but what its camera has learned.
         """
         self._run(lambda: self._api.cancel(session_id, purge), timeout)
+
+    def cameras(self, *, timeout: float | None = None) -> tuple[CameraSummary, ...]:
+        """Returns the cameras that sessions have named, in the order of their names."""
+        return self._run(lambda: self._api.cameras(), timeout)
+
+    def camera(self, camera_id: str, *, timeout: float | None = None) -> CalibratedCamera:
+        """Returns what is known of a camera: its calibration error, whether it has moved, and its sessions."""
+        return self._run(lambda: self._api.camera(camera_id), timeout)
+
+    def forget_camera(self, camera_id: str, *, timeout: float | None = None) -> None:
+        """Forgets all that was learned of a camera; its sessions stay."""
+        self._run(lambda: self._api.forget_camera(camera_id), timeout)
 
     def events(self, session_id: str, after: int = 0) -> Iterator[Event]:
         """Yields the session's events after the id `after`, each once, until its end; broken streams are resumed.

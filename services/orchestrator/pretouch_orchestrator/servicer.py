@@ -14,8 +14,10 @@ from pretouch.errors import InvalidInput
 from pretouch.serving import ServiceContext
 from pretouch.serving.caller import current_caller
 from pretouch.session import ScanProgress, Session
+from pretouch.v1 import calibrated_camera_pb2 as camera_pb
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.v1 import orchestrator_pb2_grpc
+from pretouch.wire.calibrated_camera import camera_summary_to_proto, camera_to_proto
 from pretouch.wire.session import (
     progress_to_proto,
     request_from_proto,
@@ -83,6 +85,20 @@ class OrchestratorServicer(orchestrator_pb2_grpc.OrchestratorServiceServicer):
             yield pb.RunSessionResponse(session=session_to_proto(session))
             if session.state.ended:
                 return
+
+    async def ListCameras(self, request: camera_pb.ListCamerasRequest, context: Any) -> camera_pb.ListCamerasResponse:
+        cameras = await self._sessions.cameras.list(current_caller().owner)
+        return camera_pb.ListCamerasResponse(cameras=map(camera_summary_to_proto, cameras))
+
+    async def GetCamera(self, request: camera_pb.GetCameraRequest, context: Any) -> camera_pb.GetCameraResponse:
+        camera = await self._sessions.cameras.get(current_caller().owner, request.camera_id)
+        return camera_pb.GetCameraResponse(camera=camera_to_proto(camera))
+
+    async def ForgetCamera(
+        self, request: camera_pb.ForgetCameraRequest, context: Any
+    ) -> camera_pb.ForgetCameraResponse:
+        await self._sessions.cameras.forget(current_caller().owner, request.camera_id)
+        return camera_pb.ForgetCameraResponse()
 
     async def _step(self, request: pb.RunSessionRequest, session: Session | None) -> Session:
         match request.WhichOneof("step"):

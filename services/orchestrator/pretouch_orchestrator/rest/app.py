@@ -27,6 +27,7 @@ from pretouch_orchestrator.readiness import Readiness
 from pretouch_orchestrator.rest import examples, models, openapi
 from pretouch_orchestrator.rest.admission import AdmissionMiddleware
 from pretouch_orchestrator.rest.body_limit import BodyLimit
+from pretouch_orchestrator.rest.cameras import add_camera_routes
 from pretouch_orchestrator.rest.dashboard import add_dashboard_routes
 from pretouch_orchestrator.rest.decoding import hold_creation, read_document
 from pretouch_orchestrator.rest.devices import add_device_routes
@@ -85,6 +86,7 @@ def create_rest_app(
     _add_event_route(app, sessions)
     add_report_route(app, sessions, context)
     add_recording_route(app, sessions, context)
+    add_camera_routes(app, sessions)
     add_device_routes(app, devices, context)
     add_overview_routes(app, readiness, token=context.token_check.required)
     _add_service_routes(app, context, readiness)
@@ -226,7 +228,10 @@ def _add_event_route(app: FastAPI, sessions: SessionManager) -> None:
         session_id: SessionId,
         last_event_id: LastEventId = "",
     ) -> Response:
-        """Streams the events `session`, `scan`, `estimate` and `end`, from the session's start to its end."""
+        """Streams the events `session`, `scan`, `estimate`, `camera` and `end`, from the session's start to its end.
+
+        `camera` comes before the `end` of a session that named one: whether the session counts, whether it has moved.
+        """
         if not (last_event_id.isascii() and (last_event_id or "0").isdigit() and len(last_event_id) < 19):
             raise Malformed(f"Last-Event-ID is {last_event_id!r:.80}.", "Send the id of an event of this session.")
         await sessions.get(current_caller().owner, session_id)

@@ -60,6 +60,7 @@ _REQUEST = SessionRequest(
     table=Plane(np.array([0.0, 0.0, 1.0]), 0.0),
     base_T_object=_OBJECT,
     prior=Prior(),
+    camera_id="head",
 )
 _PLAN = ScanPlan(
     "scan-1",

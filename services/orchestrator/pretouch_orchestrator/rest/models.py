@@ -29,10 +29,11 @@ _Share = Annotated[float, Field(gt=0, le=1)]
 _Std = Annotated[float, Field(ge=1e-6, le=1)]
 _Rows = Annotated[list[Annotated[list[float], Field(min_length=6, max_length=6)]], Field(min_length=6, max_length=6)]
 _Side = Annotated[int, Field(ge=1, le=100_000)]
+_CameraId = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,64}$")]
 _OF_IMAGE = {
     field.name: field.description[:1].upper() + field.description[1:]
     for field in contract_fields(session.SessionRequest)
-    if field.name in ("depth_scale", "width", "height")
+    if field.name in ("depth_scale", "width", "height", "camera_id")
 }
 """What is said about the fields of a request that JSON has in its camera."""
 
@@ -41,6 +42,7 @@ Camera = extend_model(
     depth_scale=(Annotated[float, Field(gt=0, le=1000)] | LeftOut, optional_field(_OF_IMAGE["depth_scale"])),
     width=(_Side | LeftOut, optional_field(_OF_IMAGE["width"])),
     height=(_Side | LeftOut, optional_field(_OF_IMAGE["height"])),
+    id=(_CameraId | LeftOut, optional_field(_OF_IMAGE["camera_id"])),
 )
 Plane = derive_model(geometry.Plane, StrictModel)
 Prior = derive_model(prior.Prior, StrictModel, translation_std=_Std, rotation_std=_Std)

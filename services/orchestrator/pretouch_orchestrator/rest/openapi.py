@@ -12,7 +12,7 @@ from pydantic.json_schema import models_json_schema
 
 from pretouch import __version__
 from pretouch.errors import WIRE
-from pretouch_orchestrator.rest import device_models, examples, models
+from pretouch_orchestrator.rest import camera_examples, camera_models, device_models, examples, models
 from pretouch_orchestrator.rest.admission import OPEN_PATHS
 from pretouch_orchestrator.rest.bodies import PARTS
 from pretouch_orchestrator.rest.problems import PROBLEM_TYPE
@@ -28,6 +28,7 @@ _RESPONSE_MODELS = (
     models.Health,
     models.Caller,
     models.ServiceList,
+    *camera_models.MODELS,
     *device_models.MODELS,
 )
 _CHOICES: dict[str, tuple[Any, str]] = {
@@ -134,7 +135,7 @@ def _build_document(app: FastAPI, token: bool) -> dict[str, Any]:
     for name, (forms, description) in _CHOICES.items():
         choice = TypeAdapter(forms).json_schema(ref_template=_REFERENCE)
         schemas |= choice.pop("$defs") | {name: choice | {"description": description}}
-    for name, documents in examples.DOCUMENTS.items():
+    for name, documents in (examples.DOCUMENTS | camera_examples.DOCUMENTS).items():
         schemas[name]["examples"] = documents
     components = {"schemas": dict(sorted(schemas.items())), "securitySchemes": {"bearer": _BEARER}}
     if token:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from fastapi import Header, Path, Query
 
+from pretouch.camera_export import ExportFormat
 from pretouch_orchestrator.sessions.manager import MAX_KEY, MAX_PAGE
 
 SessionId = Annotated[str, Path(description="Name of the session.")]
@@ -17,6 +18,11 @@ IdempotencyKey = Annotated[
         max_length=MAX_KEY,
         description="A repeated key returns the session that the first call created.",
     ),
+]
+CameraId = Annotated[str, Path(description="Name of the camera: `camera.id` of its sessions.")]
+CameraFormat = Annotated[
+    ExportFormat,
+    Query(description="`json` or `yaml`: the pose with its covariance; `urdf`: a fixed joint with its `origin`."),
 ]
 DeviceName = Annotated[str, Path(description="Name of the gateway's device.")]
 ClockOffset = Annotated[
@@ -35,4 +41,10 @@ Cursor = Annotated[
 ReportFormat = Annotated[
     Literal["html", "json"], Query(description="`html`: a page that needs nothing else; `json`: what it shows.")
 ]
-Purge = Annotated[bool, Query(description="Whether the session is also removed, with all that is stored of it.")]
+Purge = Annotated[
+    bool,
+    Query(
+        description="Whether the session is also removed, with all that is stored of it but what its camera "
+        "has learned."
+    ),
+]

@@ -15,7 +15,8 @@ from pretouch.camera import DepthImage
 from pretouch.errors import RefusedForSize, TooLarge, Unavailable, problem
 from pretouch.estimate import Estimate, from_prior
 from pretouch.exhaustion import Exhaustion
-from pretouch.prior import Prior
+from pretouch.geometry import Array, Pose
+from pretouch.prior import AnyPrior, Prior
 from pretouch.scan_prediction import Candidate
 from pretouch.session import GatewaySpan, Planner, Points, Region, ScanPlan, SessionRequest, Skipped, State, Submission
 from pretouch.session_warning import merge_warnings
@@ -53,6 +54,11 @@ _log = structlog.get_logger()
 _MAX_REGIONS = 12
 MAX_SAMPLES = 400_000
 """Samples of all scans of a session: those that one call to the registrar may hold."""
+
+
+PredictPrior = Callable[[Pose, Array], AnyPrior | None]
+"""The prior of a correction, or None for the default: of the believed base_T_camera, and of the mean (3,), m, in base,
+of the object's cloud."""
 
 
 class RunInThread(Protocol):
@@ -95,7 +101,13 @@ class Loop:
         self._run = run
 
     async def open(
-        self, id: str, created: float, request: SessionRequest, depth: DepthImage, mask: NDArray[np.bool_] | None
+        self,
+        id: str,
+        created: float,
+        request: SessionRequest,
+        depth: DepthImage,
+        mask: NDArray[np.bool_] | None,
+        predict: PredictPrior | None = None,
     ) -> Record:
         """A new session with its first scan planned; it may already have ended.
 
@@ -103,6 +115,7 @@ class Loop:
             created: s since the Unix epoch.
             depth: the client's depth image, (h, w).
             mask: (h, w), True on the object; None: the object is segmented.
+            predict: what is known of the camera: the prior where the request names none.
 
         Raises:
             InvalidInput: no depth, no object, no table, a mask or roi that does not fit, or what cannot be.
@@ -110,6 +123,8 @@ class Loop:
         """
         memory = estimate_preparation(depth.metres.size)
         scene, origin, warnings = await self._run(prepare_scene, request, depth, mask, memory=memory)
+        if request.prior is None and predict is not None:
+            request = replace(request, prior=await self._run(predict, request.base_T_camera, scene.centroid))
         step = round(request.camera.fx / scene.camera.fx)
         seed = zlib.crc32(scene.depth.metres.tobytes())
         proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)

@@ -8,6 +8,7 @@ import secrets
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
 from contextlib import nullcontext, suppress
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,8 +28,10 @@ from pretouch.session import (
     Submission,
     Telling,
 )
+from pretouch.session_warning import merge_warnings
 from pretouch.tof import RangeSamples
 from pretouch.wire.session import request_to_proto
+from pretouch_orchestrator.cameras.manager import Cameras
 from pretouch_orchestrator.sessions.endings import cancel, end_session
 from pretouch_orchestrator.sessions.events import Broker, derive_events
 from pretouch_orchestrator.sessions.leases import POLL, Leases
@@ -63,10 +66,14 @@ class SessionManager:
     A step is committed to the store before it is answered. It also runs to its end if its client hangs up: when the
     client asks again, of any process, the result is there. Each session belongs to an owner; to another one it does not
     exist.
+
+    Attributes:
+        cameras: what the sessions teach of the cameras that they name.
     """
 
     def __init__(self, store: Store, loop: Loop, context: ServiceContext, upkeep: Upkeep) -> None:
         self._store = store
+        self.cameras = Cameras(store, context)
         self._upkeep = upkeep
         self._loop = loop
         self._context = context
@@ -250,10 +257,12 @@ class SessionManager:
             DepthImage.from_values, values, request.depth_scale, memory=_BYTES_A_PIXEL * values.size
         )
         object_mask = None if mask is None else mask != 0
-        record = await self._loop.open(session_id, time.time(), request, depth, object_mask)
+        known = await self.cameras.recall(owner, request.camera_id)
+        record = await self._loop.open(session_id, time.time(), request, depth, object_mask, known.predict)
+        record = replace(record, warnings=merge_warnings(record.warnings, known.warnings))
         session = record.to_session()
         try:
-            record = await self._store.create(owner, record, derive_events(None, session), keyed)
+            record = await self.cameras.create(owner, record, derive_events(None, session), keyed)
         except Stale:
             if keyed is None or (existing := await self._find_created(owner, keyed)) is None:
                 raise
@@ -286,7 +295,7 @@ class SessionManager:
                     after = await self._advance(record, scan_id, submission)
                     if after is record:
                         return record.to_session()
-                    session = await self._commit(record, after, lease)
+                    session = await self._commit(owner, record, after, lease)
                     self._answered.labels(type(submission).__name__).inc()
                     return session
 
@@ -354,10 +363,11 @@ class SessionManager:
             await self._store.remove(owner, session_id)
         return session
 
-    async def _commit(self, before: Record, after: Record, lease: str) -> Session:
+    async def _commit(self, owner: str, before: Record, after: Record, lease: str) -> Session:
         """Stores a step with its events, and returns the session after it."""
         session = after.to_session()
-        self._cache.keep(await self._store.update(before, after, derive_events(before.to_session(), session), lease))
+        events = derive_events(before.to_session(), session)
+        self._cache.keep(await self.cameras.update(owner, before, after, events, lease))
         self._count_end(session)
         if session.estimate.sensor_problem:
             self._context.log.warning("the sensor measured nothing", problem=session.estimate.sensor_problem)

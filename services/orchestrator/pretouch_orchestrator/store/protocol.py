@@ -6,15 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
+from pretouch.calibrated_camera import CameraSummary
 from pretouch.errors import Conflict
+from pretouch.geometry import Pose
 from pretouch.session import Session
+from pretouch_orchestrator.calibration import Observation
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.changes import Changes
 
 
 @dataclass(frozen=True)
 class NewEvent:
-    """An event of a session without its id: `type` is "session", "scan", "estimate" or "end"; `data` is JSON."""
+    """An event of a session without its id: `type` is "session", "scan", "estimate", "camera" or "end"; `data` JSON."""
 
     type: str
     data: dict[str, Any]
@@ -50,6 +53,69 @@ class Owned(NamedTuple):
     id: str
 
 
+MAX_CAMERAS = 100
+"""Cameras of an owner that are remembered."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraEntry:
+    """How a session of a camera ended.
+
+    Attributes:
+        at: when, s since the Unix epoch.
+        reason: why it does not count; empty if it does.
+        observation: what it found; None if it does not count.
+        error: m, mean distance by which the camera misplaced the object's points.
+        expected_error: m, what was expected to be left of that by the session's prior.
+    """
+
+    session_id: str
+    at: float
+    reason: str = ""
+    observation: Observation | None = None
+    error: float = 0.0
+    expected_error: float = 0.0
+
+
+class CameraUpdate(NamedTuple):
+    """What is stored of a session's camera when the session ends.
+
+    Attributes:
+        summary: of the camera with the session, if that counts; else None.
+        last: number of the newest observation from which the summary was computed besides.
+    """
+
+    entry: CameraEntry
+    summary: CameraSummary | None = None
+    last: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class CameraMemory:
+    """What is kept of a camera.
+
+    Attributes:
+        base_T_camera: as the newest session believed it.
+        summary: what follows from the observations; its sessions are also those that are no longer kept.
+        last: number of the newest observation.
+        counted: the newest sessions that count, in the order in which they ended.
+        left_out: the newest ones that do not.
+    """
+
+    base_T_camera: Pose
+    summary: CameraSummary
+    last: int
+    counted: tuple[CameraEntry, ...]
+    left_out: tuple[CameraEntry, ...]
+
+
+class CameraChanged(Conflict):
+    """Another session of the camera has ended since its summary was computed: load it and compute again."""
+
+    def __init__(self) -> None:
+        super().__init__("Another session of the camera ended meanwhile.", "Try again.")
+
+
 class Stale(Conflict):
     """The state that an update was computed from is no longer the present one: load it and compute again."""
 
@@ -76,28 +142,47 @@ class Store(Protocol):
 
     changes: Changes
 
-    async def create(self, owner: str, record: Record, events: Sequence[NewEvent], key: KeyedRequest | None) -> Record:
+    async def create(
+        self,
+        owner: str,
+        record: Record,
+        events: Sequence[NewEvent],
+        key: KeyedRequest | None,
+        camera: CameraUpdate | None = None,
+    ) -> Record:
         """Stores a new session with its first events and the idempotency key of its creation; the record as stored.
+
+        Args:
+            camera: what is stored of its camera, where the session has already ended.
 
         Raises:
             Stale: the key has been used meanwhile.
         """
         ...
 
-    async def update(self, before: Record, after: Record, events: Sequence[NewEvent], lease: str | None) -> Record:
+    async def update(
+        self,
+        before: Record,
+        after: Record,
+        events: Sequence[NewEvent],
+        lease: str | None,
+        camera: CameraUpdate | None = None,
+    ) -> Record:
         """Stores what a step has changed, and its events; the record as stored.
 
         Args:
             lease: the holder of the session's lease, which ends with the step; None for a step that takes no lease.
+            camera: what is stored of the session's camera, where the step ends the session.
 
         Raises:
+            CameraChanged: another session of the camera has ended since `camera` was computed.
             Stale: `before` is not the present state.
             Busy: the step takes no lease, and another one holds the session's.
         """
         ...
 
     async def end(self, before: Snapshot, after: Session, events: Sequence[NewEvent]) -> None:
-        """Ends a session whatever step is under way, which then finds itself stale.
+        """Ends a session whatever step is under way, which then finds itself stale; to its camera it does not count.
 
         Raises:
             Stale: `before` is not the present state.
@@ -114,6 +199,18 @@ class Store(Protocol):
 
     async def load_session(self, owner: str, session_id: str) -> Snapshot:
         """A session as its client sees it."""
+        ...
+
+    async def load_camera(self, owner: str, camera_id: str) -> CameraMemory | None:
+        """What is kept of a camera; None where no session of the owner has named it, or it was forgotten since."""
+        ...
+
+    async def list_cameras(self, owner: str) -> list[CameraSummary]:
+        """The owner's cameras, in the order of their names."""
+        ...
+
+    async def forget_camera(self, owner: str, camera_id: str) -> None:
+        """Removes what was learned of a camera, also by sessions that are still under way; raises `NotFound`."""
         ...
 
     async def is_present(self, record: Record) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pretouch.geometry import Pose
 from pretouch.session import Session
 from pretouch.tof import RangeSamples, Scan
 from pretouch.v1 import common_pb2, orchestrator_pb2
@@ -25,6 +26,10 @@ def request_column(record: Record) -> bytes:
 
 def scene_column(record: Record) -> bytes:
     return common.scene_to_proto(record.scene).SerializeToString()
+
+
+def pose_column(pose: Pose) -> bytes:
+    return common.pose_to_proto(pose).SerializeToString()
 
 
 def view_column(view: Session) -> bytes:

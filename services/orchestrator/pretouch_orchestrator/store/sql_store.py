@@ -11,13 +11,24 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
+from pretouch.calibrated_camera import CameraSummary
 from pretouch.errors import Unavailable
 from pretouch.session import Session
 from pretouch_orchestrator.sessions.record import Record
-from pretouch_orchestrator.store import rows, sql
+from pretouch_orchestrator.store import camera_rows, camera_sql, rows, sql
 from pretouch_orchestrator.store.changes import Changes
 from pretouch_orchestrator.store.database import Database, Transaction
-from pretouch_orchestrator.store.protocol import Busy, Event, KeyedRequest, NewEvent, Owned, Snapshot, Stale
+from pretouch_orchestrator.store.protocol import (
+    Busy,
+    CameraMemory,
+    CameraUpdate,
+    Event,
+    KeyedRequest,
+    NewEvent,
+    Owned,
+    Snapshot,
+    Stale,
+)
 
 _BALLAST = 64 * 1024
 """Bytes that a check writes after a failure: about a step's. Else it writes a single one, to spare the disk."""
@@ -36,7 +47,14 @@ class SqlStore:
         self._codec = ThreadPoolExecutor(2, "pretouch-store-codec")
         self._in_doubt, self._checked = False, -math.inf
 
-    async def create(self, owner: str, record: Record, events: Sequence[NewEvent], key: KeyedRequest | None) -> Record:
+    async def create(
+        self,
+        owner: str,
+        record: Record,
+        events: Sequence[NewEvent],
+        key: KeyedRequest | None,
+        camera: CameraUpdate | None = None,
+    ) -> Record:
         request, scene, step = await self._encode(
             lambda: (
                 rows.request_column(record),
@@ -52,7 +70,11 @@ class SqlStore:
             "scene": record.scene.digest,
             "origin": json.dumps(record.origin),
             "size": len(request),
+            "camera": record.request.camera_id or "",
         }
+        believed = rows.pose_column(record.request.base_T_camera)
+        summary = camera_rows.new_summary_column(record.request.camera_id or "")
+        entry = None if camera is None else camera_rows.entry_columns(camera)
 
         def work(tx: Transaction) -> None:
             if tx.execute("SELECT 1 FROM session WHERE id = :id", values):
@@ -60,25 +82,40 @@ class SqlStore:
             sql.store_scene(tx, record.scene.digest, scene)
             (row,) = tx.execute(
                 "INSERT INTO session (id, owner, created, request, scene, origin, version, touched, ended, last_event, "
-                "size, skipped, answered) VALUES (:id, :owner, :created, :request, :scene, :origin, 1, epoch(), 0, "
-                "0, :size, '[]', '[]') RETURNING number",
+                "size, skipped, answered, camera) VALUES (:id, :owner, :created, :request, :scene, :origin, 1, "
+                "epoch(), 0, 0, :size, '[]', '[]', :camera) RETURNING number",
                 values,
             )
             number = row["number"]
             sql.store_step(tx, number, step)
+            if record.request.camera_id is not None:
+                camera_sql.store_camera(tx, owner, record.request.camera_id, believed, summary)
+            if entry is not None:
+                camera_sql.store_entry(tx, number, entry)
             if key is not None and not sql.store_key(tx, owner, key, number):
                 raise Stale
 
         await self._write(work)
         return record.with_version(1)
 
-    async def update(self, before: Record, after: Record, events: Sequence[NewEvent], lease: str | None) -> Record:
+    async def update(
+        self,
+        before: Record,
+        after: Record,
+        events: Sequence[NewEvent],
+        lease: str | None,
+        camera: CameraUpdate | None = None,
+    ) -> Record:
         step = await self._encode(lambda: rows.StepColumns.between(before, after, events))
+        entry = None if camera is None else camera_rows.entry_columns(camera)
 
         def work(tx: Transaction) -> None:
             if lease is None and sql.is_leased(tx, before.id):
                 raise Busy
-            sql.store_step(tx, sql.next_version(tx, before.id, before.version), step)
+            number = sql.next_version(tx, before.id, before.version)
+            sql.store_step(tx, number, step)
+            if entry is not None:
+                camera_sql.store_entry(tx, number, entry)
             if lease is not None:
                 sql.release_lease(tx, before.id, lease)
             tx.announce(before.id)
@@ -95,6 +132,7 @@ class SqlStore:
             tx.execute("DELETE FROM told WHERE session = :number", {"number": number})
             sql.store_view(tx, number, view)
             sql.store_events(tx, number, data)
+            camera_sql.store_cancellation(tx, number, after.id)
             tx.announce(after.id)
 
         await self._write(work)
@@ -115,6 +153,20 @@ class SqlStore:
         row, view = await self._database.read(work)
         session = await self._encode(lambda: rows.session_from_view(view))
         return Snapshot(session, row["version"], row["last_event"])
+
+    async def load_camera(self, owner: str, camera_id: str) -> CameraMemory | None:
+        columns = await self._database.read(lambda tx: camera_sql.read_camera(tx, owner, camera_id))
+        return None if columns is None else await self._encode(lambda: camera_rows.memory_from_columns(columns))
+
+    async def list_cameras(self, owner: str) -> list[CameraSummary]:
+        found = await self._database.read(
+            lambda tx: tx.execute("SELECT id, sessions, summary FROM camera WHERE owner = :owner", {"owner": owner})
+        )
+        return sorted(map(camera_rows.summary_from_row, found), key=lambda camera: camera.id)
+
+    async def forget_camera(self, owner: str, camera_id: str) -> None:
+        if not await self._write(lambda tx: camera_sql.forget_camera(tx, owner, camera_id)):
+            raise camera_sql.unknown_camera(camera_id)
 
     async def is_present(self, record: Record) -> bool:
         values = {"id": record.id, "version": record.version}
