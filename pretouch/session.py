@@ -9,7 +9,7 @@ from typing import Any
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput, TooLarge
 from pretouch.estimate import Estimate, Prior
-from pretouch.geometry import MAX_DISTANCE, Array, Plane, Pose, frozen_array
+from pretouch.geometry import MAX_DISTANCE, Array, Plane, Points3, Pose, frozen_array
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session_warning import SessionWarning
 from pretouch.tof import MAX_SAMPLES, MAX_TIME, RangeSamples, Sensor
@@ -17,6 +17,8 @@ from pretouch.trajectory import Trajectory
 
 MIN_SPEED = 1e-6
 """m/s; a slower scan would not end."""
+MAX_TOLERANCE_POINTS = 64
+"""Points of `tolerance.at`."""
 _MAX_SIDE = 100_000
 """px: longest side of an image that intrinsics are made for."""
 
@@ -60,7 +62,7 @@ def _positive(owner: Any, member: str, limits: dict[str, float]) -> None:
         object.__setattr__(owner, name, value)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tolerance:
     """When a session has converged: the mean point error is within `error` with `confidence`, and the estimate explains
     the samples.
@@ -68,13 +70,29 @@ class Tolerance:
     Attributes:
         error: largest mean point error that is good enough, in metres.
         confidence: probability with which the mean point error must be within `error`, in (0, 1).
+        at: 1 to 64 points (x, y, z) in base, as the camera puts them, in metres, where the error counts, such as a
+            grasp's contacts or a cup's axis; left out: the object's visible points.
+
+    Raises:
+        Malformed: a value is not finite.
+        InvalidInput: a value out of its limits.
     """
 
     error: float = 0.003
     confidence: float = 0.95
+    at: Points3 | None = None
 
     def __post_init__(self) -> None:
         _positive(self, "tolerance", {"error": 1.0, "confidence": 0.9999})
+        if self.at is None:
+            return
+        at = frozen_array(self.at, (None, 3), "tolerance.at", MAX_DISTANCE)
+        if not 1 <= len(at) <= MAX_TOLERANCE_POINTS:
+            raise InvalidInput(
+                f"tolerance.at has {len(at)} points.",
+                f"Need 1 to {MAX_TOLERANCE_POINTS} points; leave it out for the object's visible points.",
+            )
+        object.__setattr__(self, "at", at)
 
 
 @dataclass(frozen=True)
@@ -387,6 +405,21 @@ class BudgetUsed:
     fraction: float = 0.0
 
 
+@dataclass(frozen=True)
+class Forecast:
+    """What the rest of a session is expected to take, before its next scan is made.
+
+    Attributes:
+        scans: expected number of further scans until the session ends.
+        seconds: expected robot seconds of these scans.
+        chance: probability that the session converges within its budget, in [0, 1].
+    """
+
+    scans: float
+    seconds: float
+    chance: float
+
+
 @dataclass(frozen=True, eq=False)
 class Session:
     """The present state of a session.
@@ -406,6 +439,7 @@ class Session:
             in scans, seconds, fraction, nothing-to-gain, out-of-range, misfit or sensor.
         warnings: what is legal but odd about the input, at most one of each kind.
         table: the table in base that was given or found, as the camera puts it, offset in metres.
+        forecast: what the rest of the session is expected to take; null unless it awaits a scan.
     """
 
     id: str
@@ -421,3 +455,4 @@ class Session:
     reason: dict[str, Any] | None = None
     warnings: tuple[SessionWarning, ...] = ()
     table: Plane | None = None
+    forecast: Forecast | None = None

@@ -28,6 +28,7 @@ class RegistrationSettings(_message.Message):
     ENGINE_FIELD_NUMBER: _builtins.int
     PRIOR_FIELD_NUMBER: _builtins.int
     SENSOR_FIELD_NUMBER: _builtins.int
+    AT_FIELD_NUMBER: _builtins.int
     engine: _builtins.str
     """One of the engines in pretouch_registrar.engines, such as "posterior" or "paper"; empty: the service's default."""
     @_builtins.property
@@ -38,16 +39,23 @@ class RegistrationSettings(_message.Message):
     def sensor(self) -> _common_pb2.Sensor:
         """The fingertip's range sensor; left out: the defaults of Sensor."""
 
+    @_builtins.property
+    def at(self) -> _common_pb2.Array:
+        """k x 3, FLOAT64: up to 64 points in base, as the camera puts them, in metres, where errors count: those of the
+        estimate and the predicted ones. Left out: the object's visible points.
+        """
+
     def __init__(
         self,
         *,
         engine: _builtins.str = ...,
         prior: _common_pb2.Prior | None = ...,
         sensor: _common_pb2.Sensor | None = ...,
+        at: _common_pb2.Array | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["at", b"at", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["engine", b"engine", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["at", b"at", "engine", b"engine", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

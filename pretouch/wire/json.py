@@ -18,6 +18,7 @@ from pretouch.geometry import Plane, Pose
 from pretouch.session import (
     Budget,
     BudgetUsed,
+    Forecast,
     Planner,
     Proposer,
     Region,
@@ -88,7 +89,7 @@ def request_to_json(request: SessionRequest) -> dict[str, Any]:
     document: dict[str, Any] = {
         "camera": camera,
         "base_T_camera": pose_to_json(request.base_T_camera),
-        **{name: object_to_json(getattr(request, name)) for name in _SETTINGS},
+        **{name: _settings_to_json(getattr(request, name)) for name in _SETTINGS},
         "planner": request.planner.value,
     }
     if request.roi is not None:
@@ -126,12 +127,24 @@ def request_from_json(document: object) -> SessionRequest:
         given["base_T_object"] = members.pose("base_T_object")
     for name, kind in _SETTINGS.items():
         if name in members:
-            given[name] = object_from_json(members.members(name, names_in_json(kind)), kind)
+            given[name] = _read_settings(members.members(name, names_in_json(kind)), kind)
     if "proposer" in members:
         given["proposer"] = _read_choice(members, "proposer", Proposer)
     if "planner" in members:
         given["planner"] = _read_choice(members, "planner", Planner)
     return SessionRequest(camera=object_from_json(camera, Camera), base_T_camera=members.pose("base_T_camera"), **given)
+
+
+def _settings_to_json(settings: Any) -> dict[str, Any]:
+    """The JSON object without what is left out."""
+    return {name: value for name, value in object_to_json(settings).items() if value is not None}
+
+
+def _read_settings(members: Members, kind: type) -> Any:
+    for name in names_in_json(kind):
+        if name in members and members.get(name) is None:
+            raise InvalidInput(f"{members.path(name)} is null.", f"Leave {members.path(name)} out, or send its value.")
+    return object_from_json(members, kind)
 
 
 def _read_table(members: Members) -> Plane:
@@ -201,6 +214,7 @@ def session_to_json(session: Session) -> dict[str, Any]:
         "next_scan": None if session.next_scan is None else scan_plan_to_json(session.next_scan),
         "scans": [object_to_json(scan) for scan in session.scans],
         "budget_used": object_to_json(session.budget_used),
+        "forecast": None if session.forecast is None else object_to_json(session.forecast),
         "warnings": [object_to_json(warning) for warning in session.warnings],
     }
     if session.table is not None:
@@ -233,7 +247,14 @@ def session_from_json(document: object) -> Session:
         reason=members.get("reason", None),
         warnings=tuple(object_from_json(each, SessionWarning) for each in members.objects("warnings")),
         table=object_from_json(members.members("table", None), Plane) if "table" in members else None,
+        forecast=_read_forecast(members),
     )
+
+
+def _read_forecast(members: Members) -> Forecast | None:
+    if members.get("forecast", None) is None:
+        return None
+    return object_from_json(members.members("forecast", None), Forecast)
 
 
 def progress_to_json(progress: ScanProgress) -> dict[str, Any]:

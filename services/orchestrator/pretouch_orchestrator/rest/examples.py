@@ -27,6 +27,7 @@ from pretouch.geometry import Plane, Pose
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import (
     BudgetUsed,
+    Forecast,
     Planner,
     Proposer,
     Region,
@@ -36,6 +37,7 @@ from pretouch.session import (
     Session,
     SessionRequest,
     State,
+    Tolerance,
 )
 from pretouch.session_warning import SessionWarning
 from pretouch.trajectory import Trajectory
@@ -57,6 +59,7 @@ _REQUEST = SessionRequest(
     roi=(200, 120, 440, 360),
     table=Plane(np.array([0.0, 0.0, 1.0]), 0.0),
     base_T_object=_OBJECT,
+    tolerance=Tolerance(at=np.array([[0.45, 0.0, 0.025], [0.45, 0.0, 0.05]])),
 )
 _PLAN = ScanPlan(
     "scan-1",
@@ -76,12 +79,14 @@ _CREATED = Session(
     next_scan=_PLAN,
     base_T_object=_REQUEST.base_T_object,
     table=_REQUEST.table,
+    forecast=Forecast(scans=2.3, seconds=11.4, chance=0.86),
 )
 _CORRECTION = Pose.from_rotation_vector((0.0, 0.0, 0.02), (0.004, -0.011, 0.002))
 _CONVERGED = replace(
     _CREATED,
     state=State.CONVERGED,
     next_scan=None,
+    forecast=None,
     estimate=Estimate(
         _CORRECTION,
         _BOX.mean(axis=0),

@@ -8,6 +8,7 @@ from typing import Any
 
 from pretouch.errors import Unavailable, UnknownScene
 from pretouch.estimate import Estimate, Prior
+from pretouch.geometry import Array
 from pretouch.rectangle import ProposedRegion
 from pretouch.scan_prediction import Candidate, Prediction
 from pretouch.scene import Scene
@@ -71,24 +72,32 @@ class RegistrarClient:
     def __init__(self, copies: Copies) -> None:
         self._copies = copies
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor) -> Estimate:
+    async def register(
+        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, at: Array | None = None
+    ) -> Estimate:
         """See `interfaces.Registrar`."""
         request = registrar_pb2.RegisterRequest(
             scene_digest=scene.digest,
             scans=[common.scan_to_proto(scan) for scan in scans],
-            settings=_settings_to_proto(prior, sensor),
+            settings=_settings_to_proto(prior, sensor, at),
         )
         answer = await self._ask("Register", request, scene)
         return common.estimate_from_proto(answer.estimate)
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: Prior, sensor: Sensor, candidates: Sequence[Candidate]
+        self,
+        scene: Scene,
+        scans: Sequence[Scan],
+        prior: Prior,
+        sensor: Sensor,
+        candidates: Sequence[Candidate],
+        at: Array | None = None,
     ) -> list[list[Prediction]]:
         """See `interfaces.Registrar`."""
         request = registrar_pb2.PredictScansRequest(
             scene_digest=scene.digest,
             scans=[common.scan_to_proto(scan) for scan in scans],
-            settings=_settings_to_proto(prior, sensor),
+            settings=_settings_to_proto(prior, sensor, at),
             candidates=[candidate_to_proto(candidate) for candidate in candidates],
         )
         return predictions_from_proto(await self._ask("PredictScans", request, scene), candidates)
@@ -103,8 +112,12 @@ class RegistrarClient:
             return await self._copies.call(method, request, _LONG, scene.digest)
 
 
-def _settings_to_proto(prior: Prior, sensor: Sensor) -> registrar_pb2.RegistrationSettings:
-    return registrar_pb2.RegistrationSettings(prior=common.prior_to_proto(prior), sensor=common.sensor_to_proto(sensor))
+def _settings_to_proto(prior: Prior, sensor: Sensor, at: Array | None) -> registrar_pb2.RegistrationSettings:
+    return registrar_pb2.RegistrationSettings(
+        prior=common.prior_to_proto(prior),
+        sensor=common.sensor_to_proto(sensor),
+        at=None if at is None else common.array_to_proto(at, "f8"),
+    )
 
 
 class GatewayClient:
