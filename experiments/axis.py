@@ -199,8 +199,8 @@ def write_page(rows: Sequence[Row], command: str, seed: int) -> str:
         "# Where the error counts: the axis of round things\n\n"
         f"Made by `{command}`, seed {seed}: {len(names)} cups, bowls and cans of the training meshes "
         f"({', '.join(names)}), each view once with the default tolerance and once with `tolerance.at` on its "
-        "axis; the same images, calibration errors and fingers, default budgets; robots that finish their scans. The worlds are "
-        "simulated.\n\n" + markdown_table(headings, lines)
+        "axis; the same images, calibration errors and fingers, default budgets; robots that finish their scans. "
+        "The worlds are simulated.\n\n" + markdown_table(headings, lines)
     )
 
 

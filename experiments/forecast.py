@@ -4,9 +4,9 @@
     python -m experiments.forecast --split validation --sessions 100 --seed 1 [--out docs/results]
 
 Each session is of another view of the split's meshes, in the worlds `random random`, with tolerance, budget and points
-drawn for it (`draw_request`). Sessions are kept in forecast-SPLIT.partial.jsonl of the folder `--out`, so that the same
-command goes on after an interruption. `--fit` prints coefficients for pretouch_orchestrator.sessions.forecast; without
-it forecast.json, forecast.md and forecast.png are written.
+drawn for it (`draw_request`); its robot finishes its scans. Sessions are kept in forecast-SPLIT.partial.jsonl of the
+folder `--out`, so that the same command goes on after an interruption. `--fit` prints coefficients for
+pretouch_orchestrator.sessions.forecast; without it forecast.json, forecast.md and forecast.png are written.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.protocol import Case, generator
 from pretouch_simulation.scanning import scan_along
 from pretouch_simulation.split import Split
-from pretouch_simulation.stopping import NOTHING, tell_until_enough
 from pretouch_simulation.workers import run_in_workers
 from rich.console import Console
 
@@ -44,7 +43,7 @@ from experiments.folders import SHARED
 from experiments.forecast_fit import fit_coefficients
 from experiments.forecast_report import write_report
 from pretouch.errors import PretouchError
-from pretouch.session import Budget, Planner, SessionRequest, State, Tolerance
+from pretouch.session import Budget, Forecast, Planner, SessionRequest, State, Tolerance
 
 _TOLERANCES = (0.002, 0.003, 0.005)
 _SCANS = (2, 4, 10)
@@ -57,10 +56,9 @@ class Row:
 
     Attributes:
         mesh, view: which one; the view is its number in the experiment.
-        told: whether the robot told its samples as it moved, and left the path once they were enough.
         tolerance: m.
-        features: (s, 7) of each state.
-        forecasts: (s, 3) of each state: scans, seconds, chance.
+        features: (s, 9) of each state.
+        rest: (s, 2) scans and robot seconds that the budget has left in each state.
         spent: (s,) robot seconds spent before each state.
         seconds: robot seconds of the whole session.
         state, reason: how it ended.
@@ -69,15 +67,22 @@ class Row:
 
     mesh: str
     view: int
-    told: bool
     tolerance: float
     features: list[list[float]]
-    forecasts: list[list[float]]
+    rest: list[tuple[int, float]]
     spent: list[float]
     seconds: float
     state: str
     reason: str
     error: float
+
+    @property
+    def forecasts(self) -> list[Forecast]:
+        """By the coefficients that there are now."""
+        return [
+            forecast.compute_forecast(forecast.Features(*features), *rest)
+            for features, rest in zip(self.features, self.rest, strict=True)
+        ]
 
     @property
     def converged(self) -> bool:
@@ -108,7 +113,7 @@ def draw_request(case: Case, protocol: Protocol) -> SessionRequest:
     )
 
 
-async def run_session(case: Case, protocol: Protocol, told: bool, registrar: Registrar) -> list[Record]:
+async def run_session(case: Case, protocol: Protocol, registrar: Registrar) -> list[Record]:
     """The session's record at its creation and after each scan.
 
     Raises:
@@ -122,8 +127,6 @@ async def run_session(case: Case, protocol: Protocol, told: bool, registrar: Reg
         plan = record.next_scan
         rng = generator("finger", protocol.seed, case.name, case.view, len(records))
         samples = scan_along(case.world, plan.path, request.sensor, finger, rng, None)
-        if told:
-            record, samples = await tell_until_enough(loop, record, samples), NOTHING
         record = await loop.advance(record, plan.scan_id, samples)
         records.append(record)
     return records
@@ -131,10 +134,10 @@ async def run_session(case: Case, protocol: Protocol, told: bool, registrar: Reg
 
 def run_view(path: Path, view: int, seed: int) -> dict[str, Any] | None:
     """A session as a row; None where the object cannot be seen or the services refuse it."""
-    protocol, told = protocol_of(seed), view % 3 == 2
+    protocol = protocol_of(seed)
     try:
         case = MeshTask(path, view).case(seed, protocol.camera)
-        records = asyncio.run(run_session(case, protocol, told, Registrar()))
+        records = asyncio.run(run_session(case, protocol, Registrar()))
     except PretouchError:
         return None
     last, open_ = records[-1], [record for record in records if record.forecast is not None]
@@ -144,10 +147,9 @@ def run_view(path: Path, view: int, seed: int) -> dict[str, Any] | None:
     row = Row(
         mesh=path.stem,
         view=view,
-        told=told,
         tolerance=last.request.tolerance.error,
         features=[list(forecast.describe(record)) for record in open_],
-        forecasts=[[f.scans, f.seconds, f.chance] for record in open_ if (f := record.forecast) is not None],
+        rest=[forecast.measure_rest(record) for record in open_],
         spent=[record.budget_used.seconds for record in open_],
         seconds=last.budget_used.seconds,
         state=last.state.value,

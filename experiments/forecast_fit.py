@@ -46,7 +46,7 @@ def fit_coefficients(courses: Sequence[Course]) -> str:
 
 
 def _fit(x: Array, loss: Callable[[Array], Array], weights: Array) -> Array:
-    """The coefficients (7,) that minimise the weighted sum of `loss` of the linear predictors, and the ridge."""
+    """The coefficients (9,) that minimise the weighted sum of `loss` of the linear predictors, and the ridge."""
     scale = np.array([0.0, *[_RIDGE] * (len(Features._fields) - 1)])
 
     def objective(coefficients: Array) -> float:

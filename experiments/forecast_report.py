@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -12,6 +13,7 @@ from pretouch_simulation.markdown import markdown_table
 from scipy.stats import beta
 
 from pretouch.geometry import Array
+from pretouch.session import Forecast
 
 _BINS = 5
 
@@ -19,10 +21,11 @@ _BINS = 5
 class Course(Protocol):
     """What is shown of a session: see `experiments.forecast.Row`."""
 
-    forecasts: list[list[float]]
     spent: list[float]
     seconds: float
-    told: bool
+
+    @property
+    def forecasts(self) -> list[Forecast]: ...
 
     @property
     def converged(self) -> bool: ...
@@ -41,7 +44,7 @@ def collect_states(courses: Sequence[Course], scans: int) -> States:
     """The states after so many scans of the sessions that then awaited another."""
     chosen = [course for course in courses if len(course.forecasts) > scans]
     return States(
-        np.array([course.forecasts[scans] for course in chosen]).reshape(-1, 3),
+        np.array([astuple(course.forecasts[scans]) for course in chosen]).reshape(-1, 3),
         np.array([len(course.forecasts) - scans for course in chosen], dtype=np.float64),
         np.array([course.seconds - course.spent[scans] for course in chosen]),
         np.array([float(course.converged) for course in chosen]),
@@ -69,7 +72,6 @@ def _group(stated: Array) -> list[Array]:
 
 
 def _write_page(courses: Sequence[Course], stages: dict[str, States], command: str) -> str:
-    told = sum(course.told for course in courses)
     chances, efforts, scores = [], [], []
     for name, states in stages.items():
         stated = states.stated[:, 2]
@@ -95,12 +97,11 @@ def _write_page(courses: Sequence[Course], stages: dict[str, States], command: s
     return "\n".join(
         [
             "# What sessions are forecast to take\n",
-            f"Made by `{command}`: {len(courses)} sessions on views of the split's meshes in the simulated "
-            f"worlds `random random`; tolerances of 2, 3 or 5 mm, budgets of 2, 4 or 10 scans and 15, 40 or 120 robot seconds, "
-            f"a quarter of them with one visible point as `tolerance.at`; in {told} the robot told its samples as it "
-            "moved and left the path once they were enough. The coefficients were fitted to other sessions, on the "
-            "training side of the meshes. Groups are of equally many sessions by what was stated; intervals are of "
-            "95 %.\n",
+            f"Made by `{command}`: {len(courses)} sessions on views of the split's meshes in the simulated worlds "
+            "`random random`; tolerances of 2, 3 or 5 mm, budgets of 2, 4 or 10 scans and 15, 40 or 120 robot seconds, "
+            "a quarter of them with one visible point as `tolerance.at`; robots that finish their scans. The "
+            "coefficients were fitted to other sessions, on the training side of the meshes. Groups are of equally "
+            "many sessions by what was stated; intervals are of 95 %.\n",
             "![Chance, scans and seconds stated against what became of them](forecast.png)\n",
             "Brier score: mean squared difference of the chance and the outcome; that of the overall share is what a "
             "forecast without any knowledge of the session would reach.\n",

@@ -13,9 +13,12 @@ from pretouch.scene import Scene
 from pretouch.session import SessionRequest
 from pretouch.session_warning import SessionWarning
 
-_FAR, _IMPOSSIBLE = 0.25, 1.0
-"""m from the object's nearest visible point, in the median: farther away no grasp of it has its contacts; so far away
-a degree is two centimetres, and the points are most often in another unit or frame."""
+_NEAR, _FAR, _IMPOSSIBLE = 0.1, 0.25, 1.0
+"""m from the object's nearest visible point, in the median: where a grasp of it has its contacts; farther than any; and
+so far that a degree is two centimetres, where the points are most often in another unit or frame."""
+
+_MILLIMETRES = 10.0
+"""m: farther from its base no robot has anything at hand."""
 
 
 class _Mistake(NamedTuple):
@@ -40,26 +43,31 @@ def check_points(request: SessionRequest, scene: Scene) -> list[SessionWarning]:
     distance = _measure_distance(near, at)
     if distance <= _FAR:
         return []
-    detail = f"The points of tolerance.at are {distance:.3g} m from the object, in the median.{_explain(request, near)}"
+    detail = (
+        f"The points of tolerance.at are {distance:.3g} m from the object, in the median.{_explain(request, at, near)}"
+    )
     remedy = "Send points in base, in metres, where this base_T_camera puts them."
     if distance > _IMPOSSIBLE:
         raise InvalidInput(detail, remedy)
     return [SessionWarning("tolerance-points-far", detail, f"{remedy} If the error counts there, this is right.")]
 
 
-def _explain(request: SessionRequest, near: cKDTree) -> str:
-    """The mistake after which the points are at the object: a sentence, or nothing."""
-    mistakes = [
-        _Mistake("in millimetres", "metres", 0.001, Pose.identity()),
-        _Mistake("in the camera's frame", "points in base", 1.0, request.base_T_camera),
-        _Mistake("in millimetres in the camera's frame", "metres in base", 0.001, request.base_T_camera),
-    ]
+def _explain(request: SessionRequest, at: Array, near: cKDTree) -> str:
+    """The mistake that, mended, brings the points nearest to the object, if it is there: a sentence, or nothing."""
+    if np.abs(at).max() > _MILLIMETRES:
+        mistakes = [
+            _Mistake("in millimetres", "metres", 0.001, Pose.identity()),
+            _Mistake("in millimetres in the camera's frame", "metres in base", 0.001, request.base_T_camera),
+        ]
+    else:
+        mistakes = [_Mistake("in the camera's frame", "points in base", 1.0, request.base_T_camera)]
     if request.base_T_object is not None:
         mistakes.append(_Mistake("in the object's frame", "points in base", 1.0, request.base_T_object))
-    for mistake in mistakes:
-        if _measure_distance(near, mistake.base_T_points.apply(mistake.scale * request.tolerance.at)) <= _FAR:
-            return f" They look like points {mistake.text}: send {mistake.remedy}."
-    return ""
+    distances = [_measure_distance(near, each.base_T_points.apply(each.scale * at)) for each in mistakes]
+    best = int(np.argmin(distances))
+    if distances[best] > _NEAR:
+        return ""
+    return f" They look like points {mistakes[best].text}: send {mistakes[best].remedy}."
 
 
 def _measure_distance(near: cKDTree, points: Array) -> float:

@@ -16,9 +16,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from pretouch.geometry import Array
 from pretouch.session import Forecast
-from pretouch_orchestrator.sessions.endings import error_quantile
+from pretouch_orchestrator.sessions.endings import error_quantile, is_explained
 from pretouch_orchestrator.sessions.record import Record
 
 
@@ -33,7 +32,9 @@ class Features(NamedTuple):
         seconds: log of the ratio of the robot seconds that the budget has left to those of the next scan, at most
             ENOUGH_SECONDS.
         tolerance: log of the tolerance in millimetres.
+        cone: half angle of the sensor's beam, in units of 0.1 rad.
         begun: whether a scan was made.
+        misfit: whether the estimate does not explain the samples so far.
     """
 
     constant: float
@@ -42,12 +43,14 @@ class Features(NamedTuple):
     scans: float
     seconds: float
     tolerance: float
+    cone: float
     begun: float
+    misfit: float
 
 
-CHANCE: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-SCANS: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-SECONDS: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+CHANCE: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SCANS: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SECONDS: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """Coefficients of the logit of the chance, and of the logs of the scans and of the seconds."""
 ENOUGH_SCANS: Final = 10.0
 ENOUGH_SECONDS: Final = 30.0
@@ -58,40 +61,40 @@ _MAX_LOG: Final = 10.0
 def describe(record: Record) -> Features:
     """The features of a session whose next scan is planned."""
     assert record.next_scan is not None
-    request, used, estimate = record.request, record.budget_used, record.estimate
+    request, estimate = record.request, record.estimate
+    scans, seconds = measure_rest(record)
     best = min((region.expected_error for region in record.regions), default=estimate.expected_error)
     return Features(
         constant=1.0,
         need=float(np.log(max(error_quantile(record), 1e-9) / request.tolerance.error)),
         gain=float(max(np.log(estimate.expected_error / best), 0.0)),
-        scans=float(np.log(min(request.budget.scans - used.scans, ENOUGH_SCANS))),
-        seconds=float(
-            np.log(min((request.budget.seconds - used.seconds) / record.next_scan.path.duration, ENOUGH_SECONDS))
-        ),
+        scans=float(np.log(min(scans, ENOUGH_SCANS))),
+        seconds=float(np.log(np.clip(seconds / record.next_scan.path.duration, 1.0, ENOUGH_SECONDS))),
         tolerance=float(np.log(1000.0 * request.tolerance.error)),
+        cone=10.0 * request.sensor.beam_half_angle,
         begun=float(bool(record.scans)),
+        misfit=float(not is_explained(estimate)),
     )
 
 
-def predict(features: Array, coefficients: Features) -> Array:
-    """(n,): the linear predictors of the features (n, 7), bounded so that their exponentials are finite."""
-    return np.asarray(np.clip(features @ np.array(coefficients), -_MAX_LOG, _MAX_LOG), dtype=np.float64)
-
-
 def add_forecast(record: Record) -> Record:
-    """The session, whose next scan is planned, with its forecast.
+    """The session, whose next scan is planned, with its forecast."""
+    return replace(record, forecast=compute_forecast(describe(record), *measure_rest(record)))
 
-    It makes at least the planned scan, and what the budget allows at most.
-    """
-    assert record.next_scan is not None
-    request, used = record.request, record.budget_used
-    features = np.array([describe(record)])
-    logit, log_scans, log_seconds = (float(predict(features, each)[0]) for each in (CHANCE, SCANS, SECONDS))
-    return replace(
-        record,
-        forecast=Forecast(
-            scans=float(np.clip(np.exp(log_scans), 1.0, request.budget.scans - used.scans)),
-            seconds=float(min(np.exp(log_seconds), request.budget.seconds - used.seconds)),
-            chance=float(1.0 / (1.0 + np.exp(-logit))),
-        ),
+
+def measure_rest(record: Record) -> tuple[int, float]:
+    """The scans and the robot seconds that the budget has left."""
+    budget, used = record.request.budget, record.budget_used
+    return budget.scans - used.scans, budget.seconds - used.seconds
+
+
+def compute_forecast(features: Features, scans: int, seconds: float) -> Forecast:
+    """The forecast where the budget has so many scans and robot seconds left: at least the planned scan is made."""
+    logit, log_scans, log_seconds = (
+        float(np.clip(np.dot(features, each), -_MAX_LOG, _MAX_LOG)) for each in (CHANCE, SCANS, SECONDS)
+    )
+    return Forecast(
+        scans=float(np.clip(np.exp(log_scans), 1.0, scans)),
+        seconds=float(min(np.exp(log_seconds), seconds)),
+        chance=float(1.0 / (1.0 + np.exp(-logit))),
     )
