@@ -19,7 +19,12 @@ from pretouch.session import ScanSummary
 from pretouch.tof import Scan
 from pretouch.wire.json import estimate_to_json, pose_from_json, request_to_json
 from pretouch_orchestrator.perception.believed_ranges import Surface
-from pretouch_orchestrator.report.outcome import describe_correction, describe_outcome
+from pretouch_orchestrator.report.outcome import (
+    describe_correction,
+    describe_forecast,
+    describe_outcome,
+    describe_points,
+)
 from pretouch_orchestrator.report.picture import draw_scene
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.protocol import NewEvent
@@ -76,8 +81,10 @@ def build_document(record: Record, events: Iterable[NewEvent]) -> dict[str, Any]
 def _list_facts(record: Record) -> list[list[str]]:
     """Pairs of a name and a value."""
     used, budget, estimate = record.budget_used, record.request.budget, record.estimate
+    forecast = [] if record.forecast is None else [["Forecast", describe_forecast(record.forecast)]]
     return [
         ["Correction", describe_correction(estimate)],
+        ["The error counts at", describe_points(record.request.tolerance)],
         ["Expected error", f"{1000 * estimate.expected_error:.2f} mm"],
         ["Error, at most (95 %)", f"{1000 * estimate.error_quantile:.2f} mm"],
         ["Scans", f"{used.scans} of {budget.scans}"],
@@ -87,6 +94,7 @@ def _list_facts(record: Record) -> list[list[str]]:
         ["Fit (p-value)", f"{estimate.fit:.3g}"],
         ["Paths that could not be reached", str(len(record.skipped))],
         ["Proposer, planner", f"{record.proposer.value}, {record.request.planner.value}"],
+        *forecast,
     ]
 
 
