@@ -4,9 +4,11 @@
     python -m experiments.forecast --split validation --sessions 100 --seed 1 [--out docs/results]
 
 Each session is of another view of the split's meshes, in the worlds `random random`, with tolerance, budget and points
-drawn for it (`draw_request`); its robot finishes its scans. Sessions are kept in forecast-SPLIT.partial.jsonl of the
-folder `--out`, so that the same command goes on after an interruption. `--fit` prints coefficients for
-pretouch_orchestrator.sessions.forecast; without it forecast.json, forecast.md and forecast.png are written.
+drawn for it (`draw_request`); its robot finishes its scans. With `--fit` all have the strictest tolerance and the
+largest budget, and are cut to the others (`experiments.forecast_fit`). Sessions are kept in
+forecast-SPLIT.partial.jsonl of the folder `--out`, so that the same command goes on after an interruption. `--fit`
+prints coefficients for pretouch_orchestrator.sessions.forecast; without it forecast.json, forecast.md and forecast.png
+are written.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from pretouch_orchestrator.sessions import forecast
+from pretouch_orchestrator.sessions.endings import error_quantile, is_explained
 from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_registrar.engines import Engine
@@ -40,14 +43,10 @@ from rich.console import Console
 
 from experiments.command_line import command_of, run_resumable
 from experiments.folders import SHARED
-from experiments.forecast_fit import fit_coefficients
+from experiments.forecast_fit import SCANS, SECONDS, TOLERANCES, fit_coefficients
 from experiments.forecast_report import write_report
 from pretouch.errors import PretouchError
 from pretouch.session import Budget, Forecast, Planner, SessionRequest, State, Tolerance
-
-_TOLERANCES = (0.002, 0.003, 0.005)
-_SCANS = (2, 4, 10)
-_SECONDS = (15.0, 40.0, 120.0)
 
 
 @dataclass(frozen=True)
@@ -60,6 +59,9 @@ class Row:
         features: (s, 9) of each state.
         rest: (s, 2) scans and robot seconds that the budget has left in each state.
         spent: (s,) robot seconds spent before each state.
+        durations: (s,) s, of the scan that each state awaited.
+        quantiles: (s + 1,) m, of the error at the tolerance's confidence, in each state and at the end.
+        explained: (s + 1,) whether the estimate explained the samples.
         seconds: robot seconds of the whole session.
         state, reason: how it ended.
         error: m, the true error at the end, at the points where it counts.
@@ -71,6 +73,9 @@ class Row:
     features: list[list[float]]
     rest: list[tuple[int, float]]
     spent: list[float]
+    durations: list[float]
+    quantiles: list[float]
+    explained: list[bool]
     seconds: float
     state: str
     reason: str
@@ -102,25 +107,32 @@ def protocol_of(seed: int) -> Protocol:
     )
 
 
-def draw_request(case: Case, protocol: Protocol) -> SessionRequest:
-    """What the client of this case asks for: in a quarter of the cases it needs one visible point of the object."""
+def draw_request(case: Case, protocol: Protocol, drawn: bool) -> SessionRequest:
+    """What the client of this case asks for: in a quarter of the cases it needs one visible point of the object.
+
+    Args:
+        drawn: whether tolerance and budget are drawn; if not, they are the strictest and the largest.
+    """
     rng = generator("forecast", protocol.seed, case.name, case.view)
     at = case.cloud[rng.integers(len(case.cloud))][None] if rng.random() < 0.25 else None
     return replace(
         request_of(case, protocol),
-        tolerance=Tolerance(error=float(rng.choice(_TOLERANCES)), at=at),
-        budget=Budget(scans=int(rng.choice(_SCANS)), seconds=float(rng.choice(_SECONDS))),
+        tolerance=Tolerance(error=float(rng.choice(TOLERANCES)) if drawn else min(TOLERANCES), at=at),
+        budget=Budget(
+            scans=int(rng.choice(SCANS)) if drawn else max(SCANS),
+            seconds=float(rng.choice(SECONDS)) if drawn else max(SECONDS),
+        ),
     )
 
 
-async def run_session(case: Case, protocol: Protocol, registrar: Registrar) -> list[Record]:
+async def run_session(case: Case, request: SessionRequest, protocol: Protocol, registrar: Registrar) -> list[Record]:
     """The session's record at its creation and after each scan.
 
     Raises:
         PretouchError: the services refuse it.
     """
     loop: Loop = loop_of(protocol, registrar)
-    finger, request = finger_of(case, protocol), draw_request(case, protocol)
+    finger = finger_of(case, protocol)
     record = await loop.open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
     records = [record]
     while record.next_scan is not None:
@@ -132,12 +144,12 @@ async def run_session(case: Case, protocol: Protocol, registrar: Registrar) -> l
     return records
 
 
-def run_view(path: Path, view: int, seed: int) -> dict[str, Any] | None:
+def run_view(path: Path, view: int, seed: int, drawn: bool) -> dict[str, Any] | None:
     """A session as a row; None where the object cannot be seen or the services refuse it."""
     protocol = protocol_of(seed)
     try:
         case = MeshTask(path, view).case(seed, protocol.camera)
-        records = asyncio.run(run_session(case, protocol, Registrar()))
+        records = asyncio.run(run_session(case, draw_request(case, protocol, drawn), protocol, Registrar()))
     except PretouchError:
         return None
     last, open_ = records[-1], [record for record in records if record.forecast is not None]
@@ -151,6 +163,9 @@ def run_view(path: Path, view: int, seed: int) -> dict[str, Any] | None:
         features=[list(forecast.describe(record)) for record in open_],
         rest=[forecast.measure_rest(record) for record in open_],
         spent=[record.budget_used.seconds for record in open_],
+        durations=[record.next_scan.path.duration for record in open_ if record.next_scan is not None],
+        quantiles=[error_quantile(record) for record in records],
+        explained=[is_explained(record.estimate) for record in records],
         seconds=last.budget_used.seconds,
         state=last.state.value,
         reason=str((last.reason or {}).get("type", "")).rpartition("/")[2],
@@ -164,14 +179,16 @@ def prepare() -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    settings = {"split": arguments.split.value, "seed": arguments.seed}
+    settings = {"split": arguments.split.value, "seed": arguments.seed, "fit": arguments.fit}
     kept = PartialRows(arguments.out / f"forecast-{arguments.split.value}.partial.jsonl", settings)
     paths = meshes_in(arguments.meshes, split=arguments.split)
     known = {(row["mesh"], row["view"]) for row in kept.rows}
     tasks = [(paths[k % len(paths)], k) for k in range(arguments.sessions)]
     missing = [task for task in tasks if (task[0].stem, task[1]) not in known]
     console = Console(stderr=True)
-    for row in run_in_workers(run_view, [(*task, arguments.seed) for task in missing], arguments.workers or 1, prepare):
+    for row in run_in_workers(
+        run_view, [(*task, arguments.seed, not arguments.fit) for task in missing], arguments.workers or 1, prepare
+    ):
         if row is not None:
             kept.add(row)
             console.print(f"{len(kept.rows)}: {row['mesh']} {row['state']} {row['reason']}")
