@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from pretouch.geometry import Array
 
-TOLERANCES = (0.002, 0.003, 0.005)
+TOLERANCES = (0.002, 0.003, 0.005, 0.008, 0.012)
 SCANS = (2, 4, 10)
 SECONDS = (15.0, 40.0, 120.0)
 _RIDGE = 1.0

@@ -13,7 +13,7 @@ from helpers.processes import Orchestrator
 
 from pretouch.client import GrpcClient, RestClient, drive, drive_async
 from pretouch.errors import Conflict, InvalidInput, NotFound, Unauthenticated
-from pretouch.estimate import point_error
+from pretouch.estimate import Prior, point_error
 from pretouch.geometry import Pose
 from pretouch.session import (
     Budget,
@@ -105,10 +105,11 @@ async def test_a_cancelled_session_stays_cancelled(client: Any) -> None:
 
 
 async def test_the_error_counts_at_the_points_of_the_tolerance(client: Any) -> None:
-    middle = np.array([[0.0, 0.0, 0.025]])
-    whole = await client.create_session(roomy, DEPTH, MASK)
-    session = await client.create_session(request(budget=Budget(**ROOMY), tolerance=Tolerance(at=middle)), DEPTH, MASK)
-    assert session.estimate.expected_error < 0.95 * whole.estimate.expected_error
+    middle, prior, budget = np.array([[0.0, 0.0, 0.025]]), Prior(0.001, 0.1), Budget(**ROOMY)
+    whole = await client.create_session(request(budget=budget, prior=prior), DEPTH, MASK)
+    tolerance = Tolerance(error=0.0005, at=middle)
+    session = await client.create_session(request(budget=budget, prior=prior, tolerance=tolerance), DEPTH, MASK)
+    assert session.estimate.expected_error < 0.6 * whole.estimate.expected_error
     assert max(region.expected_error for region in session.regions) < session.estimate.expected_error
     plan = session.next_scan
     progress = await client.tell(session.id, plan.scan_id, SampleChunk(0, measured(plan)))
