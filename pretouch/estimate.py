@@ -32,11 +32,14 @@ class WeakDirection:
             translation.
         std: standard deviation along the direction, in metres.
         text: the direction in words.
+        matters: whether one standard deviation along the direction moves the points where the error counts by more than
+            a millimetre.
     """
 
     direction: Vector6
     std: float
     text: str
+    matters: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +78,8 @@ class Estimate:
         centroid: mean c of the object's cloud in base before correction, in metres.
         covariance: 6 x 6, row-major, order (rotation vector, translation), base axes, of the error
             (log(R_true R_est^T), T_true c - T_est c); rad^2, rad m, m^2.
-        expected_error: expectation over the covariance of the mean distance between estimated and true object points,
-            in metres.
+        expected_error: expectation over the covariance of the mean distance between estimated and true points of the
+            object, or of the tolerance where it names some, in metres.
         error_quantile: 95 % quantile of that mean distance, in metres.
         unobservable: directions that the samples constrain weakly, the weakest first.
         modes: corrections that explain the samples, this estimate first; the weights sum to 1.
@@ -136,7 +139,7 @@ def point_error(
 
     Args:
         covariance: 6x6 as in `Estimate`.
-        points: (n, 3), m, the object's points as estimated.
+        points: (n, 3), m, as estimated: the object's, or those where the error counts.
         centroid: (3,), m, as estimated.
         quantiles: (k,) in (0, 1).
 
@@ -161,11 +164,12 @@ def select_arms(points: ArrayLike, centroid: ArrayLike) -> Array:
     return np.asarray(arms, dtype=np.float64)
 
 
-def from_prior(prior: AnyPrior, cloud: Array) -> Estimate:
+def from_prior(prior: AnyPrior, cloud: Array, at: Array | None = None) -> Estimate:
     """The estimate before the first scan: the prior's mean and covariance.
 
     Args:
         cloud: (n, 3), m, the object's points in base before correction.
+        at: (k, 3), m, in base before correction, where the error counts; None: at `cloud`.
 
     Raises:
         InvalidInput: the prior's mean moves the object too far.
@@ -173,5 +177,5 @@ def from_prior(prior: AnyPrior, cloud: Array) -> Estimate:
     centroid = cloud.mean(axis=0)
     prior.check_mean(centroid)
     covariance, mean = prior.covariance, prior.mean
-    expected, quantile = point_error(covariance, mean.apply(cloud), mean.apply(centroid))
+    expected, quantile = point_error(covariance, mean.apply(cloud if at is None else at), mean.apply(centroid))
     return Estimate(mean, centroid, covariance, expected, float(quantile[0]))

@@ -18,7 +18,8 @@ Vector3 = Annotated[Array, (3,)]
 Vector6 = Annotated[Array, (6,)]
 Matrix6 = Annotated[Array, (6, 6)]
 Matrix12 = Annotated[Array, (12, 12)]
-"""Arrays whose shape is part of the contract: `pretouch.wire` reads it from the annotation."""
+Points3 = Annotated[Array, (None, 3)]
+"""Arrays whose shape is part of the contract: `pretouch.wire` reads it from the annotation. None: any length."""
 
 QUATERNION_NORM_TOLERANCE = 1e-3
 """A quaternion whose norm is within this of 1 is normalised; any other is refused."""

@@ -10,7 +10,7 @@ from pretouch.calibrated_camera import check_camera_id
 from pretouch.camera import Camera
 from pretouch.errors import InvalidInput, TooLarge
 from pretouch.estimate import Estimate
-from pretouch.geometry import MAX_DISTANCE, Array, Plane, Pose, frozen_array
+from pretouch.geometry import MAX_DISTANCE, Array, Plane, Points3, Pose, frozen_array
 from pretouch.prior import AnyPrior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session_warning import SessionWarning
@@ -19,6 +19,8 @@ from pretouch.trajectory import Trajectory
 
 MIN_SPEED = 1e-6
 """m/s; a slower scan would not end."""
+MAX_TOLERANCE_POINTS = 64
+"""Points of `tolerance.at`."""
 _MAX_SIDE = 100_000
 """px: longest side of an image that intrinsics are made for."""
 
@@ -62,7 +64,7 @@ def _positive(owner: Any, member: str, limits: dict[str, float]) -> None:
         object.__setattr__(owner, name, value)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tolerance:
     """When a session has converged: the mean point error is within `error` with `confidence`, and the estimate explains
     the samples.
@@ -70,13 +72,29 @@ class Tolerance:
     Attributes:
         error: largest mean point error that is good enough, in metres.
         confidence: probability with which the mean point error must be within `error`, in (0, 1).
+        at: 1 to 64 points (x, y, z) in base, as the camera puts them, in metres, where the error counts, such as a
+            grasp's contacts or a cup's axis; left out: the object's visible points.
+
+    Raises:
+        Malformed: a value is not finite.
+        InvalidInput: a value out of its limits.
     """
 
     error: float = 0.003
     confidence: float = 0.95
+    at: Points3 | None = None
 
     def __post_init__(self) -> None:
         _positive(self, "tolerance", {"error": 1.0, "confidence": 0.9999})
+        if self.at is None:
+            return
+        at = frozen_array(self.at, (None, 3), "tolerance.at", MAX_DISTANCE)
+        if not 1 <= len(at) <= MAX_TOLERANCE_POINTS:
+            raise InvalidInput(
+                f"tolerance.at has {len(at)} points.",
+                f"Need 1 to {MAX_TOLERANCE_POINTS} points; leave it out for the object's visible points.",
+            )
+        object.__setattr__(self, "at", at)
 
 
 @dataclass(frozen=True)
@@ -394,6 +412,21 @@ class BudgetUsed:
     fraction: float = 0.0
 
 
+@dataclass(frozen=True)
+class Forecast:
+    """What the rest of a session is expected to take, before its next scan is made.
+
+    Attributes:
+        scans: expected number of further scans until the session ends.
+        seconds: expected robot seconds of these scans.
+        chance: probability that the session converges within its budget, in [0, 1].
+    """
+
+    scans: float
+    seconds: float
+    chance: float
+
+
 @dataclass(frozen=True, eq=False)
 class Session:
     """The present state of a session.
@@ -414,6 +447,7 @@ class Session:
         warnings: what is legal but odd about the input, at most one of each kind.
         table: the table in base that was given or found, as the camera puts it, offset in metres.
         created: when it was created, in seconds since the Unix epoch; left out: by a pretouch that did not note it.
+        forecast: what the rest of the session is expected to take; null unless it awaits a scan.
     """
 
     id: str
@@ -430,3 +464,4 @@ class Session:
     warnings: tuple[SessionWarning, ...] = ()
     table: Plane | None = None
     created: float | None = None
+    forecast: Forecast | None = None

@@ -12,7 +12,7 @@ from pretouch.client import RestClient
 from pretouch.results import STANDARD_OUTPUT, check_file, write_json
 from pretouch.session_command.options import DEFAULT_URL, Json, SessionId, Url, open_console, print_paragraphs
 from pretouch.session_command.tables import tabulate_scans, tabulate_sessions
-from pretouch.session_command.wording import describe, describe_plan, describe_warning
+from pretouch.session_command.wording import describe, describe_forecast, describe_plan, describe_warning
 from pretouch.wire.json import session_to_json
 
 _PAGE = 100
@@ -78,4 +78,6 @@ def show(
         console.print(tabulate_scans(session.scans, console.width))
     if session.next_scan is not None:
         print_paragraphs(console, [describe_plan(session.next_scan)])
+    if session.forecast is not None:
+        print_paragraphs(console, [describe_forecast(session.forecast)])
     print_paragraphs(console, map(describe_warning, session.warnings))

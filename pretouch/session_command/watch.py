@@ -12,7 +12,14 @@ from pretouch.errors import Internal, InvalidInput
 from pretouch.results import check_file, write_json
 from pretouch.session import Session
 from pretouch.session_command.options import DEFAULT_URL, Json, SessionId, Url, open_console, print_paragraphs
-from pretouch.session_command.wording import describe, describe_plan, describe_scan, describe_warning, millimetres
+from pretouch.session_command.wording import (
+    describe,
+    describe_forecast,
+    describe_plan,
+    describe_scan,
+    describe_warning,
+    millimetres,
+)
 from pretouch.wire.json import session_from_json, session_to_json
 
 _PATIENCE = 600.0
@@ -60,6 +67,8 @@ def describe_change(before: Session | None, now: Session) -> Iterator[Text]:
         yield describe_scan(scan)
     if now.next_scan is not None and now.next_scan.scan_id != planned:
         yield describe_plan(now.next_scan)
+        if now.forecast is not None:
+            yield describe_forecast(now.forecast)
 
 
 def _read_sessions(events: Iterable[Event]) -> Iterator[Session]:

@@ -11,7 +11,7 @@ from pretouch.errors import TYPE_PREFIX
 from pretouch.estimate import Estimate
 from pretouch.exhaustion import Exhaustion
 from pretouch.geometry import vector_from_rotation
-from pretouch.session import ScanPlan, ScanSummary, Session, State
+from pretouch.session import Forecast, ScanPlan, ScanSummary, Session, State
 from pretouch.session_warning import SessionWarning
 
 STYLES = {
@@ -79,7 +79,7 @@ def describe(session: Session) -> Iterator[Text]:
 
 def _accuracy(estimate: Estimate) -> Iterator[str]:
     yield (
-        f"The mean error of the object's points is expected to be {millimetres(estimate.expected_error)}, and is at "
+        f"The mean error of the points that count is expected to be {millimetres(estimate.expected_error)}, and is at "
         f"most {millimetres(estimate.error_quantile)} with 95 % confidence."
     )
     if estimate.samples and estimate.unobservable:
@@ -124,6 +124,15 @@ def describe_scan(scan: ScanSummary) -> Text:
 
 def describe_returns(scan: ScanSummary) -> str:
     return percent(scan.returns / scan.samples) if scan.samples else "none"
+
+
+def describe_forecast(forecast: Forecast) -> Text:
+    """What the rest of the session is expected to take, in one line."""
+    return Text(
+        f"expected: {forecast.scans:.1f} more scans in {forecast.seconds:.0f} s, converged with a chance of "
+        f"{percent(forecast.chance)}",
+        "dim",
+    )
 
 
 def describe_plan(plan: ScanPlan) -> Text:

@@ -538,10 +538,15 @@ class WeakDirection(_message.Message):
     DIRECTION_FIELD_NUMBER: _builtins.int
     STD_FIELD_NUMBER: _builtins.int
     TEXT_FIELD_NUMBER: _builtins.int
+    MATTERS_FIELD_NUMBER: _builtins.int
     std: _builtins.float
     """Standard deviation along the direction, in metres."""
     text: _builtins.str
     """The direction in words."""
+    matters: _builtins.bool
+    """Whether one standard deviation along the direction moves the points where the error counts by more than a
+    millimetre. Left out: true.
+    """
     @_builtins.property
     def direction(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """Unit vector of 6 numbers in base axes: rotation vector scaled by the object's radius, then translation."""
@@ -552,12 +557,15 @@ class WeakDirection(_message.Message):
         direction: _abc.Iterable[_builtins.float] | None = ...,
         std: _builtins.float = ...,
         text: _builtins.str = ...,
+        matters: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_matters", b"_matters", "matters", b"matters"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["direction", b"direction", "std", b"std", "text", b"text"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_matters", b"_matters", "direction", b"direction", "matters", b"matters", "std", b"std", "text", b"text"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__matters: _TypeAlias = _typing.Literal["matters"]  # noqa: Y015
+    _WhichOneofArgType__matters: _TypeAlias = _typing.Literal["_matters", b"_matters"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__matters) -> _WhichOneofReturnType__matters | None: ...
 
 Global___WeakDirection: _TypeAlias = WeakDirection  # noqa: Y015
 
@@ -609,7 +617,9 @@ class Estimate(_message.Message):
     SENSOR_PROBLEM_FIELD_NUMBER: _builtins.int
     ENGINE_FIELD_NUMBER: _builtins.int
     expected_error: _builtins.float
-    """Expectation over the covariance of the mean distance between estimated and true object points, in metres."""
+    """Expectation over the covariance of the mean distance between estimated and true points of the object, or of the
+    tolerance where it names some, in metres.
+    """
     error_quantile: _builtins.float
     """95 % quantile of that mean distance, in metres."""
     inliers: _builtins.int

@@ -68,19 +68,27 @@ class Tolerance(_message.Message):
 
     ERROR_FIELD_NUMBER: _builtins.int
     CONFIDENCE_FIELD_NUMBER: _builtins.int
+    AT_FIELD_NUMBER: _builtins.int
     error: _builtins.float
     """Largest mean point error that is good enough, in metres. Left out: 0.003."""
     confidence: _builtins.float
     """Probability with which the mean point error must be within `error`, in (0, 1). Left out: 0.95."""
+    @_builtins.property
+    def at(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """1 to 64 points (x, y, z) in base, as the camera puts them, in metres, where the error counts, such as a grasp's
+        contacts or a cup's axis; left out: the object's visible points.
+        """
+
     def __init__(
         self,
         *,
         error: _builtins.float | None = ...,
         confidence: _builtins.float | None = ...,
+        at: _abc.Iterable[_builtins.float] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_confidence", b"_confidence", "_error", b"_error", "confidence", b"confidence", "error", b"error"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_confidence", b"_confidence", "_error", b"_error", "confidence", b"confidence", "error", b"error"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_confidence", b"_confidence", "_error", b"_error", "at", b"at", "confidence", b"confidence", "error", b"error"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__confidence: _TypeAlias = _typing.Literal["confidence"]  # noqa: Y015
     _WhichOneofArgType__confidence: _TypeAlias = _typing.Literal["_confidence", b"_confidence"]  # noqa: Y015
@@ -529,6 +537,36 @@ class BudgetUsed(_message.Message):
 Global___BudgetUsed: _TypeAlias = BudgetUsed  # noqa: Y015
 
 @_typing.final
+class Forecast(_message.Message):
+    """What the rest of a session is expected to take, before its next scan is made."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCANS_FIELD_NUMBER: _builtins.int
+    SECONDS_FIELD_NUMBER: _builtins.int
+    CHANCE_FIELD_NUMBER: _builtins.int
+    scans: _builtins.float
+    """Expected number of further scans until the session ends."""
+    seconds: _builtins.float
+    """Expected robot seconds of these scans."""
+    chance: _builtins.float
+    """Probability that the session converges within its budget, in [0, 1]."""
+    def __init__(
+        self,
+        *,
+        scans: _builtins.float = ...,
+        seconds: _builtins.float = ...,
+        chance: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["chance", b"chance", "scans", b"scans", "seconds", b"seconds"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Forecast: _TypeAlias = Forecast  # noqa: Y015
+
+@_typing.final
 class SessionWarning(_message.Message):
     """Input that is legal but most often a mistake."""
 
@@ -577,6 +615,7 @@ class Session(_message.Message):
     BASE_T_OBJECT_FIELD_NUMBER: _builtins.int
     WARNINGS_FIELD_NUMBER: _builtins.int
     TABLE_FIELD_NUMBER: _builtins.int
+    FORECAST_FIELD_NUMBER: _builtins.int
     CREATED_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     """Name of the session."""
@@ -626,6 +665,10 @@ class Session(_message.Message):
     def table(self) -> _common_pb2.Plane:
         """The table in base that was given or found, as the camera puts it, offset in metres."""
 
+    @_builtins.property
+    def forecast(self) -> Global___Forecast:
+        """What the rest of the session is expected to take; null unless it awaits a scan."""
+
     def __init__(
         self,
         *,
@@ -642,11 +685,12 @@ class Session(_message.Message):
         base_t_object: _common_pb2.Pose | None = ...,
         warnings: _abc.Iterable[Global___SessionWarning] | None = ...,
         table: _common_pb2.Plane | None = ...,
+        forecast: Global___Forecast | None = ...,
         created: _builtins.float | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_created", b"_created", "base_t_object", b"base_t_object", "budget_used", b"budget_used", "created", b"created", "estimate", b"estimate", "next_scan", b"next_scan", "table", b"table"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_created", b"_created", "base_t_object", b"base_t_object", "budget_used", b"budget_used", "created", b"created", "estimate", b"estimate", "forecast", b"forecast", "next_scan", b"next_scan", "table", b"table"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_created", b"_created", "base_t_object", b"base_t_object", "budget_used", b"budget_used", "created", b"created", "estimate", b"estimate", "id", b"id", "next_scan", b"next_scan", "planner", b"planner", "proposer", b"proposer", "reason", b"reason", "regions", b"regions", "scans", b"scans", "state", b"state", "table", b"table", "warnings", b"warnings"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_created", b"_created", "base_t_object", b"base_t_object", "budget_used", b"budget_used", "created", b"created", "estimate", b"estimate", "forecast", b"forecast", "id", b"id", "next_scan", b"next_scan", "planner", b"planner", "proposer", b"proposer", "reason", b"reason", "regions", b"regions", "scans", b"scans", "state", b"state", "table", b"table", "warnings", b"warnings"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__created: _TypeAlias = _typing.Literal["created"]  # noqa: Y015
     _WhichOneofArgType__created: _TypeAlias = _typing.Literal["_created", b"_created"]  # noqa: Y015

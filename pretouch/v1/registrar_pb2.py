@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from pretouch.v1 import common_pb2 as pretouch_dot_v1_dot_common__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bpretouch/v1/registrar.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"\x9a\x01\n\x14RegistrationSettings\x12\x0e\n\x06\x65ngine\x18\x01 \x01(\t\x12!\n\x05prior\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Prior\x12#\n\x06sensor\x18\x03 \x01(\x0b\x32\x13.pretouch.v1.Sensor\x12*\n\npose_prior\x18\x04 \x01(\x0b\x32\x16.pretouch.v1.PosePrior\"\xd8\x01\n\x0fRegisterRequest\x12#\n\x05scene\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.SceneH\x00\x12\'\n\x04mesh\x18\x04 \x01(\x0b\x32\x17.pretouch.v1.MeshTargetH\x00\x12\x16\n\x0cscene_digest\x18\x05 \x01(\x0cH\x00\x12 \n\x05scans\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Scan\x12\x33\n\x08settings\x18\x03 \x01(\x0b\x32!.pretouch.v1.RegistrationSettingsB\x08\n\x06target\";\n\x10RegisterResponse\x12\'\n\x08\x65stimate\x18\x01 \x01(\x0b\x32\x15.pretouch.v1.Estimate\"\x8e\x01\n\x15RegisterStreamRequest\x12\x33\n\x06header\x18\x01 \x01(\x0b\x32!.pretouch.v1.RegisterStreamHeaderH\x00\x12\x15\n\x0bscene_chunk\x18\x02 \x01(\x0cH\x00\x12!\n\x04scan\x18\x03 \x01(\x0b\x32\x11.pretouch.v1.ScanH\x00\x42\x06\n\x04step\"\x82\x01\n\x14RegisterStreamHeader\x12\x33\n\x08settings\x18\x01 \x01(\x0b\x32!.pretouch.v1.RegistrationSettings\x12\x15\n\x0bscene_bytes\x18\x02 \x01(\x04H\x00\x12\x14\n\nmesh_bytes\x18\x03 \x01(\x04H\x00\x42\x08\n\x06target\"A\n\x16RegisterStreamResponse\x12\'\n\x08\x65stimate\x18\x01 \x01(\x0b\x32\x15.pretouch.v1.Estimate\"\"\n\x04Span\x12\r\n\x05start\x18\x01 \x01(\x01\x12\x0b\n\x03\x65nd\x18\x02 \x01(\x01\"x\n\rCandidatePath\x12&\n\nbase_t_tip\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1d\n\x01t\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12 \n\x05spans\x18\x03 \x03(\x0b\x32\x11.pretouch.v1.Span\"\x8c\x02\n\x13PredictScansRequest\x12#\n\x05scene\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.SceneH\x00\x12\'\n\x04mesh\x18\x05 \x01(\x0b\x32\x17.pretouch.v1.MeshTargetH\x00\x12\x16\n\x0cscene_digest\x18\x06 \x01(\x0cH\x00\x12 \n\x05scans\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Scan\x12\x33\n\x08settings\x18\x03 \x01(\x0b\x32!.pretouch.v1.RegistrationSettings\x12.\n\ncandidates\x18\x04 \x03(\x0b\x32\x1a.pretouch.v1.CandidatePathB\x08\n\x06target\"I\n\x14PredictScansResponse\x12\x17\n\x0f\x65xpected_errors\x18\x01 \x03(\x01\x12\x18\n\x10\x65xpected_returns\x18\x02 \x03(\x01\x32\x8f\x02\n\x10RegistrarService\x12G\n\x08Register\x12\x1c.pretouch.v1.RegisterRequest\x1a\x1d.pretouch.v1.RegisterResponse\x12]\n\x0eRegisterStream\x12\".pretouch.v1.RegisterStreamRequest\x1a#.pretouch.v1.RegisterStreamResponse(\x01\x30\x01\x12S\n\x0cPredictScans\x12 .pretouch.v1.PredictScansRequest\x1a!.pretouch.v1.PredictScansResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bpretouch/v1/registrar.proto\x12\x0bpretouch.v1\x1a\x18pretouch/v1/common.proto\"\xba\x01\n\x14RegistrationSettings\x12\x0e\n\x06\x65ngine\x18\x01 \x01(\t\x12!\n\x05prior\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Prior\x12#\n\x06sensor\x18\x03 \x01(\x0b\x32\x13.pretouch.v1.Sensor\x12*\n\npose_prior\x18\x04 \x01(\x0b\x32\x16.pretouch.v1.PosePrior\x12\x1e\n\x02\x61t\x18\x05 \x01(\x0b\x32\x12.pretouch.v1.Array\"\xd8\x01\n\x0fRegisterRequest\x12#\n\x05scene\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.SceneH\x00\x12\'\n\x04mesh\x18\x04 \x01(\x0b\x32\x17.pretouch.v1.MeshTargetH\x00\x12\x16\n\x0cscene_digest\x18\x05 \x01(\x0cH\x00\x12 \n\x05scans\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Scan\x12\x33\n\x08settings\x18\x03 \x01(\x0b\x32!.pretouch.v1.RegistrationSettingsB\x08\n\x06target\";\n\x10RegisterResponse\x12\'\n\x08\x65stimate\x18\x01 \x01(\x0b\x32\x15.pretouch.v1.Estimate\"\x8e\x01\n\x15RegisterStreamRequest\x12\x33\n\x06header\x18\x01 \x01(\x0b\x32!.pretouch.v1.RegisterStreamHeaderH\x00\x12\x15\n\x0bscene_chunk\x18\x02 \x01(\x0cH\x00\x12!\n\x04scan\x18\x03 \x01(\x0b\x32\x11.pretouch.v1.ScanH\x00\x42\x06\n\x04step\"\x82\x01\n\x14RegisterStreamHeader\x12\x33\n\x08settings\x18\x01 \x01(\x0b\x32!.pretouch.v1.RegistrationSettings\x12\x15\n\x0bscene_bytes\x18\x02 \x01(\x04H\x00\x12\x14\n\nmesh_bytes\x18\x03 \x01(\x04H\x00\x42\x08\n\x06target\"A\n\x16RegisterStreamResponse\x12\'\n\x08\x65stimate\x18\x01 \x01(\x0b\x32\x15.pretouch.v1.Estimate\"\"\n\x04Span\x12\r\n\x05start\x18\x01 \x01(\x01\x12\x0b\n\x03\x65nd\x18\x02 \x01(\x01\"x\n\rCandidatePath\x12&\n\nbase_t_tip\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.Array\x12\x1d\n\x01t\x18\x02 \x01(\x0b\x32\x12.pretouch.v1.Array\x12 \n\x05spans\x18\x03 \x03(\x0b\x32\x11.pretouch.v1.Span\"\x8c\x02\n\x13PredictScansRequest\x12#\n\x05scene\x18\x01 \x01(\x0b\x32\x12.pretouch.v1.SceneH\x00\x12\'\n\x04mesh\x18\x05 \x01(\x0b\x32\x17.pretouch.v1.MeshTargetH\x00\x12\x16\n\x0cscene_digest\x18\x06 \x01(\x0cH\x00\x12 \n\x05scans\x18\x02 \x03(\x0b\x32\x11.pretouch.v1.Scan\x12\x33\n\x08settings\x18\x03 \x01(\x0b\x32!.pretouch.v1.RegistrationSettings\x12.\n\ncandidates\x18\x04 \x03(\x0b\x32\x1a.pretouch.v1.CandidatePathB\x08\n\x06target\"I\n\x14PredictScansResponse\x12\x17\n\x0f\x65xpected_errors\x18\x01 \x03(\x01\x12\x18\n\x10\x65xpected_returns\x18\x02 \x03(\x01\x32\x8f\x02\n\x10RegistrarService\x12G\n\x08Register\x12\x1c.pretouch.v1.RegisterRequest\x1a\x1d.pretouch.v1.RegisterResponse\x12]\n\x0eRegisterStream\x12\".pretouch.v1.RegisterStreamRequest\x1a#.pretouch.v1.RegisterStreamResponse(\x01\x30\x01\x12S\n\x0cPredictScans\x12 .pretouch.v1.PredictScansRequest\x1a!.pretouch.v1.PredictScansResponseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -33,25 +33,25 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'pretouch.v1.registrar_pb2',
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_REGISTRATIONSETTINGS']._serialized_start=71
-  _globals['_REGISTRATIONSETTINGS']._serialized_end=225
-  _globals['_REGISTERREQUEST']._serialized_start=228
-  _globals['_REGISTERREQUEST']._serialized_end=444
-  _globals['_REGISTERRESPONSE']._serialized_start=446
-  _globals['_REGISTERRESPONSE']._serialized_end=505
-  _globals['_REGISTERSTREAMREQUEST']._serialized_start=508
-  _globals['_REGISTERSTREAMREQUEST']._serialized_end=650
-  _globals['_REGISTERSTREAMHEADER']._serialized_start=653
-  _globals['_REGISTERSTREAMHEADER']._serialized_end=783
-  _globals['_REGISTERSTREAMRESPONSE']._serialized_start=785
-  _globals['_REGISTERSTREAMRESPONSE']._serialized_end=850
-  _globals['_SPAN']._serialized_start=852
-  _globals['_SPAN']._serialized_end=886
-  _globals['_CANDIDATEPATH']._serialized_start=888
-  _globals['_CANDIDATEPATH']._serialized_end=1008
-  _globals['_PREDICTSCANSREQUEST']._serialized_start=1011
-  _globals['_PREDICTSCANSREQUEST']._serialized_end=1279
-  _globals['_PREDICTSCANSRESPONSE']._serialized_start=1281
-  _globals['_PREDICTSCANSRESPONSE']._serialized_end=1354
-  _globals['_REGISTRARSERVICE']._serialized_start=1357
-  _globals['_REGISTRARSERVICE']._serialized_end=1628
+  _globals['_REGISTRATIONSETTINGS']._serialized_end=257
+  _globals['_REGISTERREQUEST']._serialized_start=260
+  _globals['_REGISTERREQUEST']._serialized_end=476
+  _globals['_REGISTERRESPONSE']._serialized_start=478
+  _globals['_REGISTERRESPONSE']._serialized_end=537
+  _globals['_REGISTERSTREAMREQUEST']._serialized_start=540
+  _globals['_REGISTERSTREAMREQUEST']._serialized_end=682
+  _globals['_REGISTERSTREAMHEADER']._serialized_start=685
+  _globals['_REGISTERSTREAMHEADER']._serialized_end=815
+  _globals['_REGISTERSTREAMRESPONSE']._serialized_start=817
+  _globals['_REGISTERSTREAMRESPONSE']._serialized_end=882
+  _globals['_SPAN']._serialized_start=884
+  _globals['_SPAN']._serialized_end=918
+  _globals['_CANDIDATEPATH']._serialized_start=920
+  _globals['_CANDIDATEPATH']._serialized_end=1040
+  _globals['_PREDICTSCANSREQUEST']._serialized_start=1043
+  _globals['_PREDICTSCANSREQUEST']._serialized_end=1311
+  _globals['_PREDICTSCANSRESPONSE']._serialized_start=1313
+  _globals['_PREDICTSCANSRESPONSE']._serialized_end=1386
+  _globals['_REGISTRARSERVICE']._serialized_start=1389
+  _globals['_REGISTRARSERVICE']._serialized_end=1660
 # @@protoc_insertion_point(module_scope)

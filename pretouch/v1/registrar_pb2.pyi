@@ -29,6 +29,7 @@ class RegistrationSettings(_message.Message):
     PRIOR_FIELD_NUMBER: _builtins.int
     SENSOR_FIELD_NUMBER: _builtins.int
     POSE_PRIOR_FIELD_NUMBER: _builtins.int
+    AT_FIELD_NUMBER: _builtins.int
     engine: _builtins.str
     """One of the engines in pretouch_registrar.engines, such as "posterior" or "paper"; empty: the service's default."""
     @_builtins.property
@@ -43,6 +44,12 @@ class RegistrationSettings(_message.Message):
     def pose_prior(self) -> _common_pb2.PosePrior:
         """Instead of `prior`: any mean and covariance of the camera's calibration error."""
 
+    @_builtins.property
+    def at(self) -> _common_pb2.Array:
+        """k x 3, FLOAT64: up to 64 points in base, as the camera puts them, in metres, where errors count: those of the
+        estimate and the predicted ones. Left out: the object's visible points.
+        """
+
     def __init__(
         self,
         *,
@@ -50,10 +57,11 @@ class RegistrationSettings(_message.Message):
         prior: _common_pb2.Prior | None = ...,
         sensor: _common_pb2.Sensor | None = ...,
         pose_prior: _common_pb2.PosePrior | None = ...,
+        at: _common_pb2.Array | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["pose_prior", b"pose_prior", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["at", b"at", "pose_prior", b"pose_prior", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["engine", b"engine", "pose_prior", b"pose_prior", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["at", b"at", "engine", b"engine", "pose_prior", b"pose_prior", "prior", b"prior", "sensor", b"sensor"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

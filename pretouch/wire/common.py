@@ -113,15 +113,22 @@ def _value_from_proto(value: Any, wanted: Any, path: str) -> Any:
         wanted = get_args(wanted)[0]
     if get_origin(wanted) is tuple:
         return tuple(_value_from_proto(item, get_args(wanted)[0], f"{path}[{k}]") for k, item in enumerate(value))
+    if type(None) in get_args(wanted):
+        return _value_from_proto(value, get_args(wanted)[0], path)
     if get_origin(wanted) is Annotated:
-        shape = wanted.__metadata__[0]
-        count = math.prod(shape)
-        if len(value) != count:
-            raise InvalidInput(f"{path} has {len(value)} numbers, not {count}.", f"Send {count} numbers for {path}.")
-        return np.reshape(value, shape)
+        return _array_from_numbers(value, wanted.__metadata__[0], path)
     if wanted is Pose:
         return pose_from_proto(value, path)
     return contract_from_proto(value, wanted, path) if isinstance(wanted, type) and is_dataclass(wanted) else value
+
+
+def _array_from_numbers(values: Any, shape: tuple[int | None, ...], path: str) -> NDArray[Any]:
+    """The numbers, row-major, as an array of `shape`, of which None stands for any length."""
+    count = math.prod(length or 1 for length in shape)
+    if len(values) != count and (None not in shape or len(values) % count):
+        wanted = f"a multiple of {count}" if None in shape else str(count)
+        raise InvalidInput(f"{path} has {len(values)} numbers, not {wanted}.", f"Send {wanted} numbers for {path}.")
+    return np.reshape(values, [-1 if length is None else length for length in shape])
 
 
 def scene_to_proto(scene: Scene) -> pb.Scene:

@@ -21,6 +21,7 @@ from pretouch.prior import AnyPrior, PosePrior, Prior
 from pretouch.session import (
     Budget,
     BudgetUsed,
+    Forecast,
     Planner,
     Proposer,
     Region,
@@ -99,7 +100,7 @@ def request_to_json(request: SessionRequest) -> dict[str, Any]:
     document: dict[str, Any] = {
         "camera": camera,
         "base_T_camera": pose_to_json(request.base_T_camera),
-        **{name: object_to_json(getattr(request, name)) for name in _SETTINGS},
+        **{name: _settings_to_json(getattr(request, name)) for name in _SETTINGS},
         "planner": request.planner.value,
     }
     if request.prior is not None:
@@ -143,7 +144,7 @@ def request_from_json(document: object) -> SessionRequest:
         given["prior"] = prior_from_json(members.get("prior"))
     for name, kind in _SETTINGS.items():
         if name in members:
-            given[name] = object_from_json(members.members(name, names_in_json(kind)), kind)
+            given[name] = _read_settings(members.members(name, names_in_json(kind)), kind)
     if "proposer" in members:
         given["proposer"] = _read_choice(members, "proposer", Proposer)
     if "planner" in members:
@@ -165,6 +166,18 @@ def prior_from_json(value: object, path: str = "prior") -> AnyPrior:
     if isinstance(covariance, list) and len(covariance) == _ROWS**2:
         value = value | {"covariance": [covariance[k : k + _ROWS] for k in range(0, _ROWS**2, _ROWS)]}
     return object_from_json(Members(value, path, of_pose), PosePrior)
+
+
+def _settings_to_json(settings: Any) -> dict[str, Any]:
+    """The JSON object without what is left out."""
+    return {name: value for name, value in object_to_json(settings).items() if value is not None}
+
+
+def _read_settings(members: Members, kind: type) -> Any:
+    for name in names_in_json(kind):
+        if name in members and members.get(name) is None:
+            raise InvalidInput(f"{members.path(name)} is null.", f"Leave {members.path(name)} out, or send its value.")
+    return object_from_json(members, kind)
 
 
 def _read_table(members: Members) -> Plane:
@@ -244,6 +257,7 @@ def session_to_json(session: Session) -> dict[str, Any]:
         "next_scan": None if session.next_scan is None else scan_plan_to_json(session.next_scan),
         "scans": [object_to_json(scan) for scan in session.scans],
         "budget_used": object_to_json(session.budget_used),
+        "forecast": None if session.forecast is None else object_to_json(session.forecast),
         "warnings": [object_to_json(warning) for warning in session.warnings],
     }
     if session.table is not None:
@@ -279,7 +293,14 @@ def session_from_json(document: object) -> Session:
         warnings=tuple(object_from_json(each, SessionWarning) for each in members.objects("warnings")),
         table=object_from_json(members.members("table", None), Plane) if "table" in members else None,
         created=members.number("created") if "created" in members else None,
+        forecast=_read_forecast(members),
     )
+
+
+def _read_forecast(members: Members) -> Forecast | None:
+    if members.get("forecast", None) is None:
+        return None
+    return object_from_json(members.members("forecast", None), Forecast)
 
 
 def progress_to_json(progress: ScanProgress) -> dict[str, Any]:

@@ -85,7 +85,8 @@ def _value_from_json(value: object, wanted: Any, path: str) -> Any:
         kind = get_args(wanted)[0]
         return tuple(_value_from_json(item, kind, f"{path}[{k}]") for k, item in enumerate(read_items(value, path)))
     if get_origin(wanted) is Annotated:
-        return np.array(_read_array(value, wanted.__metadata__[0], path))
+        shape = wanted.__metadata__[0]
+        return np.array(_read_array(value, shape, path)).reshape([-1 if length is None else length for length in shape])
     if type(None) in get_args(wanted):
         return None if value is None else _value_from_json(value, get_args(wanted)[0], path)
     if wanted in _READERS:
@@ -93,9 +94,9 @@ def _value_from_json(value: object, wanted: Any, path: str) -> Any:
     return object_from_json(Members(value, path, None), wanted)
 
 
-def _read_array(value: object, shape: tuple[int, ...], path: str) -> Any:
-    """Nested lists of `shape`."""
+def _read_array(value: object, shape: tuple[int | None, ...], path: str) -> Any:
+    """Nested lists of `shape`, of which None stands for any length."""
     length, *rest = shape
     if not rest:
-        return read_numbers(value, path, length)
+        return [read_number(item, f"{path}[{k}]") for k, item in enumerate(read_items(value, path, length))]
     return [_read_array(row, tuple(rest), f"{path}[{k}]") for k, row in enumerate(read_items(value, path, length))]

@@ -15,6 +15,7 @@ from pretouch.geometry import Plane
 from pretouch.session import (
     Budget,
     BudgetUsed,
+    Forecast,
     GatewaySpan,
     Planner,
     Points,
@@ -183,6 +184,8 @@ def session_to_proto(session: Session) -> pb.Session:
     )
     if session.table is not None:
         message.table.CopyFrom(common_pb2.Plane(**common.contract_to_proto(session.table)))
+    if session.forecast is not None:
+        message.forecast.CopyFrom(pb.Forecast(**common.contract_to_proto(session.forecast)))
     if session.next_scan is not None:
         message.next_scan.CopyFrom(scan_plan_to_proto(session.next_scan))
     if session.base_T_object is not None:
@@ -218,6 +221,9 @@ def session_from_proto(message: pb.Session) -> Session:
         warnings=tuple(common.contract_from_proto(each, SessionWarning, "warning") for each in message.warnings),
         table=common.contract_from_proto(message.table, Plane, "table") if message.HasField("table") else None,
         created=message.created if message.HasField("created") else None,
+        forecast=common.contract_from_proto(message.forecast, Forecast, "forecast")
+        if message.HasField("forecast")
+        else None,
     )
 
 

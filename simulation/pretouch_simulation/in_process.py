@@ -9,6 +9,7 @@ from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar, Settings
 
 from pretouch.estimate import Estimate
+from pretouch.geometry import Array
 from pretouch.prior import AnyPrior
 from pretouch.rectangle import ProposedRegion
 from pretouch.scan_prediction import Candidate, Prediction
@@ -36,12 +37,20 @@ class InProcessRegistrar:
     def __init__(self, engine: Engine, registrar: Registrar) -> None:
         self._engine, self._registrar = engine, registrar
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> Estimate:
+    async def register(
+        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, at: Array | None = None
+    ) -> Estimate:
         """See `upstream.interfaces.Registrar`."""
-        return self._registrar.register(scene, scans, Settings(self._engine, prior, sensor))
+        return self._registrar.register(scene, scans, Settings(self._engine, prior, sensor), at)
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, candidates: Sequence[Candidate]
+        self,
+        scene: Scene,
+        scans: Sequence[Scan],
+        prior: AnyPrior,
+        sensor: Sensor,
+        candidates: Sequence[Candidate],
+        at: Array | None = None,
     ) -> list[list[Prediction]]:
         """See `upstream.interfaces.Registrar`."""
-        return self._registrar.predict(scene, scans, Settings(self._engine, prior, sensor), candidates)
+        return self._registrar.predict(scene, scans, Settings(self._engine, prior, sensor), candidates, at)

@@ -9,6 +9,7 @@ import numpy as np
 import typer
 from pretouch_orchestrator.perception.depth_check import USUAL_DEPTH
 from pretouch_orchestrator.report.document import build_document
+from pretouch_orchestrator.report.outcome import describe_forecast
 from pretouch_orchestrator.report.page import render_page
 from pretouch_orchestrator.sessions.record import Record
 from rich.console import Console
@@ -57,6 +58,14 @@ def try_image(
             show_default="found",
         ),
     ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="A point in the camera's frame, m, where the error counts; up to 64 times.",
+            show_default="the object's visible points",
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Where the picture goes, and beside it the report, as .html.")] = Path(
         "pretouch-try.png"
     ),
@@ -79,6 +88,7 @@ def try_image(
         load_mask(mask) > 0 if mask is not None else None,
         roi,
         Plane(np.array(table[:3]), table[3]) if table is not None else None,
+        np.array([_read_point(text) for text in at]) if at else None,
     )
     told = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     _warn_of_scale(image, scale, told)
@@ -93,6 +103,14 @@ def try_image(
     _warn_of_view(record, image, told)
     told.print(f"{out}: the object with its regions, and the first scan from above and from the side.")
     told.print(f"{report}: the same to turn and zoom, and the regions in numbers.")
+
+
+def _read_point(text: str) -> list[float]:
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        raise InvalidInput(f"--at {text!r:.60} is no point.", "Give three numbers, as --at 0.02,-0.01,0.75.") from None
+    return [x, y, z]
 
 
 def _camera(intrinsics: dict[str, float | None]) -> Camera:
@@ -169,6 +187,8 @@ def _table(record: Record, image: OwnImage) -> Table:
     table.add_row("first scan", f"{100 * plan.path.length:.0f} cm in {plan.path.duration:.1f} s along {plan.path_id}")
     table.add_row("fingertip", f"{heights.min():.1f} to {heights.max():.1f} cm above the table")
     table.add_row("expected returns", f"{plan.expected_returns:.0%} of its samples")
+    if record.forecast is not None:
+        table.add_row("forecast", describe_forecast(record.forecast))
     return table
 
 

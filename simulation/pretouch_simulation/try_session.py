@@ -15,8 +15,8 @@ from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
 
 from pretouch.camera import Camera, DepthImage
-from pretouch.geometry import Plane, Pose
-from pretouch.session import SessionRequest
+from pretouch.geometry import Array, Plane, Pose
+from pretouch.session import SessionRequest, Tolerance
 from pretouch_simulation.in_process import InProcessDetector, InProcessRegistrar
 
 LEVEL = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
@@ -31,6 +31,7 @@ class OwnImage:
         mask: (h, w), True on the object; None: it is found on the table.
         roi: (u0, v0, u1, v1), half-open: the object is within it.
         table: in the camera frame, normal towards the camera; None: it is found.
+        at: (k, 3), m, in the camera frame, where the error counts; None: at the object's visible points.
     """
 
     depth: DepthImage
@@ -38,6 +39,7 @@ class OwnImage:
     mask: NDArray[np.bool_] | None = None
     roi: tuple[int, int, int, int] | None = None
     table: Plane | None = None
+    at: Array | None = None
 
 
 def level_base(image: OwnImage) -> Pose:
@@ -58,6 +60,10 @@ def open_session(image: OwnImage) -> Record:
     Raises:
         InvalidInput: as `level_base`.
     """
-    request = SessionRequest(image.camera, level_base(image), depth_scale=1.0, roi=image.roi, table=LEVEL)
+    base_T_camera = level_base(image)
+    at = None if image.at is None else base_T_camera.apply(image.at)
+    request = SessionRequest(
+        image.camera, base_T_camera, depth_scale=1.0, roi=image.roi, table=LEVEL, tolerance=Tolerance(at=at)
+    )
     loop = Loop(InProcessDetector(), InProcessRegistrar(Engine.POSTERIOR, Registrar()))
     return asyncio.run(loop.open("try", time.time(), request, image.depth, image.mask))

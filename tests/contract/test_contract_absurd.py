@@ -18,7 +18,7 @@ from pretouch.camera import Camera
 from pretouch.client import RestClient
 from pretouch.errors import InvalidInput
 from pretouch.geometry import Plane, Pose
-from pretouch.session import Budget, GatewaySpan, Points, SampleChunk, Session, SessionRequest
+from pretouch.session import Budget, GatewaySpan, Points, SampleChunk, Session, SessionRequest, Tolerance
 from pretouch.tof import RangeSamples
 
 C, T = VIEW.camera, VIEW.base_T_camera
@@ -43,6 +43,10 @@ def posed(pose: Pose) -> SessionRequest:
 
 def seen_by(*intrinsics: float, **changes: Any) -> SessionRequest:
     return dataclasses.replace(GOOD, camera=Camera(*intrinsics), **changes)
+
+
+def pointed(at: Any) -> SessionRequest:
+    return dataclasses.replace(GOOD, tolerance=Tolerance(at=np.asarray(at, dtype=np.float64)))
 
 
 def scaled(scale: float | None) -> SessionRequest:
@@ -98,6 +102,12 @@ ABSURD = {
         ("1.02 m from the object",),
         "object-pose-far",
         dataclasses.replace(GOOD, base_T_object=Pose.of(np.eye(3), [1, 0, 0])),
+    ),
+    "tolerance points in millimetres": Absurd(
+        ("m from the object", "in millimetres"), "", pointed([[0, 0, 40], [10, 20, 50]])
+    ),
+    "tolerance points in the camera's frame": Absurd(
+        ("0.7", "in the camera's frame"), "tolerance-points-far", pointed(T.inverse().apply(np.array([[0, 0, 0.025]])))
     ),
     "mask inverted": Absurd(("inverted",), "", GOOD, DEPTH, ~MASK),
     "mask of the table": Absurd(("Nothing in the mask rises",), "", GOOD, DEPTH, np.roll(MASK, 100, axis=1)),

@@ -13,6 +13,7 @@ from helpers.processes import Orchestrator
 
 from pretouch.client import GrpcClient, RestClient, drive, drive_async
 from pretouch.errors import Conflict, InvalidInput, NotFound, Unauthenticated
+from pretouch.estimate import Prior, point_error
 from pretouch.geometry import Pose
 from pretouch.prior import PosePrior
 from pretouch.session import (
@@ -21,6 +22,7 @@ from pretouch.session import (
     Planner,
     Points,
     Proposer,
+    SampleChunk,
     ScanPlan,
     Session,
     Skipped,
@@ -28,6 +30,7 @@ from pretouch.session import (
     Submission,
     Tolerance,
 )
+from pretouch.tof import RangeSamples
 from pretouch.wire.json import session_to_json
 
 roomy = request(budget=Budget(**ROOMY))
@@ -123,6 +126,37 @@ async def test_a_cancelled_session_stays_cancelled(client: Any) -> None:
     assert (after.state, after.next_scan) == (State.CANCELLED, None)
     with pytest.raises(Conflict, match="cancelled"):
         await client.submit(session.id, session.next_scan.scan_id, measured(session.next_scan))
+
+
+async def test_the_error_counts_at_the_points_of_the_tolerance(client: Any) -> None:
+    middle, prior, budget = np.array([[0.0, 0.0, 0.025]]), Prior(0.001, 0.1), Budget(**ROOMY)
+    whole = await client.create_session(request(budget=budget, prior=prior), DEPTH, MASK)
+    tolerance = Tolerance(error=0.0005, at=middle)
+    session = await client.create_session(request(budget=budget, prior=prior, tolerance=tolerance), DEPTH, MASK)
+    assert session.estimate.expected_error < 0.6 * whole.estimate.expected_error
+    assert max(region.expected_error for region in session.regions) < session.estimate.expected_error
+    plan = session.next_scan
+    progress = await client.tell(session.id, plan.scan_id, SampleChunk(0, measured(plan)))
+    assert progress.error_quantile <= session.estimate.error_quantile
+    after = await client.submit(session.id, plan.scan_id, RangeSamples.concatenate([]))
+    covariance, centroid = after.estimate.covariance, after.estimate.centroid
+    assert after.estimate.expected_error == pytest.approx(point_error(covariance, middle, centroid)[0])
+
+
+async def test_a_session_that_awaits_a_scan_has_a_forecast(client: Any) -> None:
+    budget = Budget(scans=4, seconds=60.0, fraction=1.0)
+    session = await client.create_session(request(budget=budget), DEPTH, MASK)
+    while session.next_scan is not None:
+        forecast = session.forecast
+        assert 1 <= forecast.scans <= budget.scans - session.budget_used.scans
+        assert 0 < forecast.seconds <= budget.seconds - session.budget_used.seconds
+        assert 0 <= forecast.chance <= 1
+        assert (await client.session(session.id)).forecast == forecast
+        session = await client.submit(session.id, session.next_scan.scan_id, measured(session.next_scan))
+    assert session.forecast is None
+    cancelled = await client.create_session(request(budget=budget), DEPTH, MASK)
+    await client.cancel(cancelled.id)
+    assert (await client.session(cancelled.id)).forecast is None
 
 
 async def test_cancelling_leaves_an_ended_session_as_it_ended(client: Any) -> None:

@@ -41,7 +41,7 @@ from pretouch.errors import (
     wire_of,
 )
 from pretouch.estimate import Estimate, from_prior, point_error
-from pretouch.geometry import Pose
+from pretouch.geometry import Array, Pose
 from pretouch.prior import AnyPrior, Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
@@ -192,13 +192,13 @@ def regions(scene: Scene) -> list[RotatedRectangle]:
     ]
 
 
-def estimate(scene: Scene, scans: int, samples: int, prior: AnyPrior) -> Estimate:
+def estimate(scene: Scene, scans: int, samples: int, prior: AnyPrior, at: Array | None = None) -> Estimate:
     """The answer after `scans` scans: towards a shift of (10, -5, 4) mm; each scan multiplies deviations by SHRINK."""
     if scans == 0:
-        return from_prior(prior, scene.cloud)
+        return from_prior(prior, scene.cloud, at)
     share = 1 - SHRINK**-scans
     covariance = prior.covariance * SHRINK ** (-2 * scans)
-    expected, quantile = point_error(covariance, scene.cloud, scene.centroid)
+    expected, quantile = point_error(covariance, scene.cloud if at is None else at, scene.centroid)
     correction = Pose.of(np.eye(3), share * np.array([0.010, -0.005, 0.004]))
     return Estimate(
         correction,
@@ -259,7 +259,8 @@ class _Registrar(registrar_pb2_grpc.RegistrarServiceServicer):
         scans = [wire.scan_from_proto(scan) for scan in request.scans]
         used = [scan for scan in scans if len(scan)]
         prior = wire.prior_from_proto(request.settings) or Prior()
-        answer = estimate(scene, len(used), sum(map(len, used)), prior)
+        at = wire.array_from_proto(request.settings.at, "at") if request.settings.HasField("at") else None
+        answer = estimate(scene, len(used), sum(map(len, used)), prior, at)
         return self.upstream.changed(answer) if used else answer
 
     def Register(self, request: Any, context: grpc.ServicerContext) -> registrar_pb2.RegisterResponse:

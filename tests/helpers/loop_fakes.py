@@ -17,7 +17,7 @@ from pretouch_orchestrator.sessions.record import Record
 from helpers.scenes import Box, View, World
 from pretouch.errors import Unavailable
 from pretouch.estimate import Estimate, from_prior, point_error
-from pretouch.geometry import Plane, Pose
+from pretouch.geometry import Array, Plane, Pose
 from pretouch.prior import AnyPrior
 from pretouch.rectangle import ProposedRegion, RotatedRectangle
 from pretouch.scan_prediction import Candidate, Prediction
@@ -67,16 +67,20 @@ class FormulaRegistrar:
         self.sensor_problem = sensor_problem
         self.down = False
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> Estimate:
+    async def register(
+        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, at: Array | None = None
+    ) -> Estimate:
         if self.down:
             raise Unavailable("The registrar is away.", "Wait.")
         returns = sum(int(scan.returned.sum()) for scan in scans)
         if returns == 0:
-            estimate = from_prior(prior, scene.cloud)
+            estimate = from_prior(prior, scene.cloud, at)
             return replace(estimate, fit=self.fit, sensor_problem=self.sensor_problem) if scans else estimate
         covariance = prior.covariance / (1 + self.gain * returns) ** 2
         about = Pose.of(CORRECTION.rotation, CORRECTION.translation)
-        expected, quantile = point_error(covariance, about.apply(scene.cloud), about.apply(scene.centroid))
+        expected, quantile = point_error(
+            covariance, about.apply(scene.cloud if at is None else at), about.apply(scene.centroid)
+        )
         return Estimate(
             about,
             scene.centroid,
@@ -89,9 +93,15 @@ class FormulaRegistrar:
         )
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, candidates: Sequence[Candidate]
+        self,
+        scene: Scene,
+        scans: Sequence[Scan],
+        prior: AnyPrior,
+        sensor: Sensor,
+        candidates: Sequence[Candidate],
+        at: Array | None = None,
     ) -> list[list[Prediction]]:
-        present = (await self.register(scene, scans, prior, sensor)).expected_error
+        present = (await self.register(scene, scans, prior, sensor, at)).expected_error
         return [
             [Prediction(present / (1 + each.path.between(*piece).length), 1.0) for piece in each.pieces]
             for each in candidates

@@ -8,12 +8,12 @@ from helpers.scenes import Box, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pretouch_registrar.observability import FREE_STD, find_weak_directions
-from pretouch_registrar.rotational_symmetry import find_symmetry_axis
 from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import make_case
 
 from pretouch.estimate import WeakDirection
 from pretouch.geometry import Array, rotation_from_vector
+from pretouch.rotational_symmetry import find_symmetry_axis
 
 UP = np.array([0.0, 0.0, 1.0])
 CLOUD = World((Box.standing((0.10, 0.06, 0.05), yaw=0.4),)).scene().cloud

@@ -13,6 +13,7 @@ from pretouch.errors import PretouchError
 from pretouch.estimate import point_error
 from pretouch.geometry import Pose, rotation_from_vector, vector_from_rotation
 from pretouch.prior import Prior
+from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
 from pretouch.tof import Scan, Sensor
 from pretouch.trajectory import Trajectory
@@ -200,3 +201,33 @@ def test_the_view_from_the_other_side_agrees() -> None:
     truth = correction_of(scene, *OFFSETS[1])
     answer = REGISTRAR.register(scene, scans_of(scene, truth, PATHS), Settings())
     assert mean_error(scene, truth, answer.base_T_correction) < 0.005
+
+
+def test_where_the_error_counts_changes_what_is_stated_and_not_the_answer(scene: Scene) -> None:
+    scans = scans_of(scene, correction_of(scene, *OFFSETS[0]), PATHS[:1])
+    at = scene.centroid + np.array([[0.0, 0.0, -0.01], [0.0, 0.0, 0.03]])
+    whole, there = REGISTRAR.register(scene, scans, Settings()), REGISTRAR.register(scene, scans, Settings(), at)
+    for name in ("covariance", "centroid"):
+        np.testing.assert_array_equal(getattr(there, name), getattr(whole, name))
+    assert there.base_T_correction.is_close(whole.base_T_correction, 0.0)
+    assert (there.fit, there.inliers, there.rmse) == (whole.fit, whole.inliers, whole.rmse)
+    moved = there.base_T_correction.apply
+    expected, (quantile,) = point_error(there.covariance, moved(at), moved(scene.centroid))
+    assert (there.expected_error, there.error_quantile) == pytest.approx((expected, quantile))
+    assert [weak.text for weak in whole.unobservable] == [weak.text.partition(";")[0] for weak in there.unobservable]
+    assert all(weak.matters for weak in whole.unobservable)
+    expected, (quantile,) = point_error(whole.covariance, moved(scene.cloud), moved(scene.centroid))
+    assert (whole.expected_error, whole.error_quantile) == (expected, quantile)
+
+
+def test_scans_are_predicted_for_where_the_error_counts(scene: Scene) -> None:
+    scans = scans_of(scene, correction_of(scene, *OFFSETS[1]), PATHS)
+    at = scene.cloud[np.argmax(scene.cloud[:, 0])][None]
+    candidates = [Candidate(path) for path in PATHS[1:]]
+    predicted = REGISTRAR.predict(scene, scans[:1], Settings(), candidates, at)
+    after = [REGISTRAR.register(scene, [scans[0], scan], Settings(), at).expected_error for scan in scans[1:]]
+    whole = REGISTRAR.predict(scene, scans[:1], Settings(), candidates)
+    for (there,), (everywhere,), error in zip(predicted, whole, after, strict=True):
+        assert there.expected_error != everywhere.expected_error
+        assert there.expected_returns == everywhere.expected_returns
+        assert 0.4 < there.expected_error / error < 2.5

@@ -23,6 +23,7 @@ from pretouch.rectangle import RotatedRectangle
 from pretouch.session import (
     Budget,
     BudgetUsed,
+    Forecast,
     GatewaySpan,
     Planner,
     Points,
@@ -82,7 +83,12 @@ requests = st.builds(
     table=st.none() | planes,
     base_T_object=st.none() | poses,
     prior=st.none() | st.builds(Prior, shares, shares) | pose_priors,
-    tolerance=st.builds(Tolerance, shares, st.floats(0.01, 0.9999)),
+    tolerance=st.builds(
+        Tolerance,
+        shares,
+        st.floats(0.01, 0.9999),
+        st.none() | arrays(np.float64, st.tuples(st.integers(1, 64), st.just(3)), elements=numbers),
+    ),
     budget=st.builds(Budget, st.integers(1, 1000), st.floats(0.1, 1e6), shares),
     sensor=st.builds(
         Sensor,
@@ -144,7 +150,8 @@ estimates = st.builds(
     expected_error=shares,
     error_quantile=shares,
     unobservable=st.lists(
-        st.builds(WeakDirection, arrays(np.float64, 6, elements=numbers), shares, st.text(max_size=20)), max_size=2
+        st.builds(WeakDirection, arrays(np.float64, 6, elements=numbers), shares, st.text(max_size=20), st.booleans()),
+        max_size=2,
     ).map(tuple),
     inliers=counts,
     samples=counts,
@@ -166,6 +173,7 @@ sessions = st.builds(
     ).map(tuple),
     budget_used=st.builds(BudgetUsed, counts, shares, shares),
     base_T_object=st.none() | poses,
+    forecast=st.none() | st.builds(Forecast, numbers, numbers, st.floats(0, 1)),
     reason=st.none() | st.just({"type": "urn:pretouch:problem:internal", "status": 500, "detail": "x"}),
 )
 submissions = st.one_of(

@@ -12,10 +12,12 @@ import numpy as np
 
 from pretouch.estimate import WeakDirection
 from pretouch.geometry import Array
-from pretouch_registrar.rotational_symmetry import find_symmetry_axis
+from pretouch.rotational_symmetry import find_symmetry_axis
 
 FREE_STD = 0.003
 """m: a direction with a larger standard deviation is called free."""
+MATTERS = 0.001
+"""m, root mean square: a standard deviation that moves the points of a tolerance by more matters for them."""
 _MIN_SHARE = 0.35
 """Least norm of the rotation, or of the translation, in a unit direction for it to be mentioned."""
 _MIN_PARALLEL_COSINE = float(np.cos(np.radians(15.0)))
@@ -30,7 +32,9 @@ _MAX_POINTS = 5000
 _BASE = dict(zip("xyz", np.eye(3), strict=True))
 
 
-def find_weak_directions(covariance: Array, cloud: Array, up: Array) -> tuple[WeakDirection, ...]:
+def find_weak_directions(
+    covariance: Array, cloud: Array, up: Array, at: Array | None = None
+) -> tuple[WeakDirection, ...]:
     """The axes of `covariance` (6, 6) with a standard deviation above FREE_STD, the weakest first.
 
     Rotations are scaled by the object's radius, so that both halves are metres.
@@ -38,6 +42,8 @@ def find_weak_directions(covariance: Array, cloud: Array, up: Array) -> tuple[We
     Args:
         cloud: (n, 3), m, the object's points as corrected, in base.
         up: (3,), the table's normal.
+        at: (k, 3), m, in base, as corrected: where the error counts; the text then says how far a direction moves them.
+            None: everywhere on the object.
     """
     arms = cloud - cloud.mean(axis=0)
     radius = float(np.sqrt((arms**2).sum(axis=1).mean()))
@@ -46,11 +52,24 @@ def find_weak_directions(covariance: Array, cloud: Array, up: Array) -> tuple[We
     directions = _align_to_base(*np.linalg.eigh(scaled))
     stds = np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", directions, scaled, directions), 0.0))
     named = _NamedAxes(cloud, up)
-    return tuple(
-        WeakDirection(directions[:, k], float(stds[k]), _describe(directions[:, k], float(stds[k]), radius, named))
-        for k in np.argsort(-stds, kind="stable")
-        if stds[k] > FREE_STD
-    )
+    found = []
+    for k in np.argsort(-stds, kind="stable"):
+        if stds[k] <= FREE_STD:
+            break
+        text = _describe(directions[:, k], float(stds[k]), radius, named)
+        if at is None:
+            found.append(WeakDirection(directions[:, k], float(stds[k]), text))
+            continue
+        moved = _measure_motion(stds[k] * directions[:, k] / scale, at - cloud.mean(axis=0))
+        text += f"; it moves the points where the error counts by {1000 * moved:.1f} mm"
+        found.append(WeakDirection(directions[:, k], float(stds[k]), text, moved > MATTERS))
+    return tuple(found)
+
+
+def _measure_motion(x: Array, arms: Array) -> float:
+    """m: root mean square displacement of points at `arms` (k, 3), m, by a small correction x (6,), rad and m."""
+    moved = np.cross(x[:3], arms) + x[3:]
+    return float(np.sqrt((moved**2).sum(axis=1).mean()))
 
 
 def _align_to_base(values: Array, vectors: Array) -> Array:

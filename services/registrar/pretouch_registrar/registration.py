@@ -104,8 +104,11 @@ class Registrar:
             raise UnknownScene("The registrar keeps no scene of this digest.", "Send the scene itself.")
         return scene
 
-    def register(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> Estimate:
+    def register(self, scene: Scene, scans: Sequence[Scan], settings: Settings, at: Array | None = None) -> Estimate:
         """The estimate from all scans; their order does not matter.
+
+        Args:
+            at: (k, 3), m, in base, as the camera puts them: where the error counts; None: the object's visible points.
 
         Raises:
             InvalidInput: an object that is too large.
@@ -115,9 +118,10 @@ class Registrar:
         scene = self._move(given, settings.prior)
         ordered = _select_scans(scene, scans, settings)
         if not ordered:
-            return from_prior(settings.prior, given.cloud)
+            return from_prior(settings.prior, given.cloud, at)
         estimate = replace(
-            _make_estimate(scene, *self._solve_cached(scene, ordered, settings)), engine=settings.engine.value
+            _make_estimate(scene, *self._solve_cached(scene, ordered, settings), _move_points(at, settings.prior)),
+            engine=settings.engine.value,
         )
         return estimate if scene is given else _before(estimate, settings.prior.mean, given.centroid)
 
@@ -127,11 +131,17 @@ class Registrar:
         return self._solve_cached(scene, _select_scans(scene, scans, settings), settings)[1]
 
     def predict(
-        self, scene: Scene, scans: Sequence[Scan], settings: Settings, candidates: Sequence[Candidate]
+        self,
+        scene: Scene,
+        scans: Sequence[Scan],
+        settings: Settings,
+        candidates: Sequence[Candidate],
+        at: Array | None = None,
     ) -> list[list[Prediction]]:
         """For each candidate, what a scan of each of its pieces would leave and return, given the scans so far.
 
-        Engines `paper` and `pcl` cannot predict errors: they return the present expected error for each.
+        Engines `paper` and `pcl` cannot predict errors: they return the present expected error for each. `at` as in
+        `register`.
 
         Raises:
             InvalidInput: more than MAX_PIECES pieces, or an object that is too large.
@@ -139,6 +149,7 @@ class Registrar:
         """
         check_pieces(candidates)
         scene = self._move(self.remember(scene), settings.prior)
+        at = _move_points(at, settings.prior)
         ordered = _select_scans(scene, scans, settings)
         problem, solution = self._solve_cached(scene, ordered, settings)
         truths = count_truths(problem, sum(len(candidate.pieces) for candidate in candidates))
@@ -151,11 +162,11 @@ class Registrar:
         )
         if not outcomes:
             return []
-        cloud = pose_from_correction(solution.x, scene.centroid).apply(scene.cloud)
-        arms = select_arms(cloud, scene.centroid + solution.x[3:])
+        points = pose_from_correction(solution.x, scene.centroid).apply(scene.cloud if at is None else at)
+        arms = select_arms(points, scene.centroid + solution.x[3:])
         errors = compute_expected_errors([left for each in outcomes for left, _ in each], arms)
         if settings.engine in (Engine.PAPER, Engine.PCL):
-            errors[:] = _make_estimate(scene, problem, solution).expected_error
+            errors[:] = _make_estimate(scene, problem, solution, at).expected_error
         by_piece = iter(errors.tolist())
         return [[Prediction(next(by_piece), returns) for _, returns in each] for each in outcomes]
 
@@ -260,6 +271,11 @@ def _hash_scan(scan: Scan) -> bytes:
     return hashlib.blake2b(b"".join(array.tobytes() for array in arrays), digest_size=16).digest()
 
 
+def _move_points(at: Array | None, prior: AnyPrior) -> Array | None:
+    """Points (k, 3), m, that move with the scene."""
+    return None if at is None else prior.mean.apply(at)
+
+
 def _before(estimate: Estimate, mean: Pose, centroid: Array) -> Estimate:
     """The estimate of a scene that `mean` has moved, as one of the scene before; `centroid` (3,), m, is that one's.
 
@@ -273,11 +289,12 @@ def _before(estimate: Estimate, mean: Pose, centroid: Array) -> Estimate:
     )
 
 
-def _make_estimate(scene: Scene, problem: RegistrationProblem, solution: Solution) -> Estimate:
+def _make_estimate(scene: Scene, problem: RegistrationProblem, solution: Solution, at: Array | None) -> Estimate:
     x, covariance = solution.x, solution.covariance
     correction = pose_from_correction(x, scene.centroid)
     cloud = correction.apply(scene.cloud)
-    expected, quantile = point_error(covariance, cloud, scene.centroid + x[3:])
+    counted = None if at is None else correction.apply(at)
+    expected, quantile = point_error(covariance, cloud if counted is None else counted, scene.centroid + x[3:])
     classification = classify_samples(x, problem)
     inlier = classification.inlier
     modes = (x, *solution.other_modes)
@@ -287,7 +304,7 @@ def _make_estimate(scene: Scene, problem: RegistrationProblem, solution: Solutio
         covariance=covariance,
         expected_error=expected,
         error_quantile=float(quantile[0]),
-        unobservable=find_weak_directions(covariance, cloud, scene.table.normal),
+        unobservable=find_weak_directions(covariance, cloud, scene.table.normal, counted),
         inliers=int(inlier.sum()),
         samples=len(problem.beams.weights),
         rmse=float(np.sqrt(np.mean(classification.residuals[inlier] ** 2))) if inlier.any() else 0.0,

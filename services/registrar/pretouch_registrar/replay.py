@@ -10,7 +10,7 @@ import numpy as np
 
 from pretouch.errors import InvalidInput, TooLarge
 from pretouch.estimate import Estimate, from_prior
-from pretouch.geometry import vector_from_rotation
+from pretouch.geometry import Array, vector_from_rotation
 from pretouch.recording.session_file import SessionRecording
 from pretouch.scene import Scene
 from pretouch.tof import Scan
@@ -18,7 +18,7 @@ from pretouch.wire.common import estimate_from_proto, estimate_to_proto, scan_fr
 from pretouch.wire.json import estimate_from_document, estimate_to_json
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import MAX_SAMPLES, Registrar, Settings
-from pretouch_registrar.servicer import settings_from_proto
+from pretouch_registrar.servicer import points_from_proto, settings_from_proto
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Recorded:
 
     Attributes:
         estimates: one after each scan, to the rounding of their JSON.
+        at: (k, 3), m, in base, as the camera puts them: where errors count; None: at the object's visible points.
     """
 
     scene: Scene
@@ -34,6 +35,7 @@ class Recorded:
     scans: tuple[Scan, ...]
     estimates: tuple[Estimate, ...]
     settings: Settings
+    at: Array | None
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,7 @@ def read_recorded(recording: SessionRecording) -> Recorded:
             scans,
             tuple(estimate_from_proto(each.estimate) for each in recording.scans),
             settings_from_proto(session.settings, Engine.POSTERIOR),
+            points_from_proto(session.settings),
         )
     except InvalidInput as error:
         raise type(error)(f"The recording cannot be replayed: {error.detail}", error.remedy) from error
@@ -84,13 +87,13 @@ def replay(recorded: Recorded, settings: Settings, registrar: Registrar) -> Iter
     """The estimates after each scan, with the settings given; with the recorded ones they are the recorded estimates to
     the bit, where pretouch, its numerical libraries and the kind of processor are the same.
     """
-    present = from_prior(settings.prior, recorded.scene.cloud)
+    present = from_prior(settings.prior, recorded.scene.cloud, recorded.at)
     steps = zip(recorded.scan_ids, recorded.scans, recorded.estimates, strict=True)
     for number, (scan_id, scan, before) in enumerate(steps, start=1):
         began = time.perf_counter()
         scans = _select_registrable(recorded.scans[:number])
         if len(scan) and scans:
-            present = registrar.register(recorded.scene, scans, settings)
+            present = registrar.register(recorded.scene, scans, settings, recorded.at)
         seconds = time.perf_counter() - began
         shift = present.base_T_correction.apply(present.centroid) - before.base_T_correction.apply(before.centroid)
         turn = vector_from_rotation(present.base_T_correction.rotation @ before.base_T_correction.rotation.T)

@@ -10,13 +10,16 @@ import grpc
 from google.protobuf.message import DecodeError
 
 from pretouch.errors import InvalidInput, Malformed, TooLarge
+from pretouch.geometry import Array
 from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.serving import ServiceContext
+from pretouch.session import Tolerance
 from pretouch.tof import Scan
 from pretouch.v1 import common_pb2, registrar_pb2_grpc
 from pretouch.v1 import registrar_pb2 as pb
 from pretouch.wire.common import (
+    array_from_proto,
     estimate_to_proto,
     mesh_from_proto,
     prior_from_proto,
@@ -47,6 +50,13 @@ def settings_from_proto(message: pb.RegistrationSettings, default: Engine) -> Se
     return Settings(engine, prior_from_proto(message) or Prior(), sensor_from_proto(message.sensor))
 
 
+def points_from_proto(message: pb.RegistrationSettings) -> Array | None:
+    """(k, 3), m: where errors count, if the settings say it; raises InvalidInput for too many points or none."""
+    if not message.HasField("at"):
+        return None
+    return Tolerance(at=array_from_proto(message.at, "settings.at")).at
+
+
 @dataclass
 class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     """Serves `Register`, `RegisterStream` and `PredictScans`; `default` is the engine for requests that name none."""
@@ -61,7 +71,8 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
     def _register(self, request: pb.RegisterRequest) -> pb.RegisterResponse:
         scans = [scan_from_proto(scan) for scan in request.scans]
         settings = settings_from_proto(request.settings, self.default)
-        estimate = self.registrar.register(self._read_target(request), scans, settings)
+        at = points_from_proto(request.settings)
+        estimate = self.registrar.register(self._read_target(request), scans, settings, at)
         return pb.RegisterResponse(estimate=estimate_to_proto(estimate))
 
     async def PredictScans(
@@ -79,7 +90,8 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
         scans = [scan_from_proto(scan) for scan in request.scans]
         candidates = [candidate_from_proto(candidate) for candidate in request.candidates]
         settings = settings_from_proto(request.settings, self.default)
-        return predictions_to_proto(self.registrar.predict(self._read_target(request), scans, settings, candidates))
+        at = points_from_proto(request.settings)
+        return predictions_to_proto(self.registrar.predict(self._read_target(request), scans, settings, candidates, at))
 
     def _read_target(self, request: Request) -> Scene:
         match request.WhichOneof("target"):
@@ -98,6 +110,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
         if first is None or first.WhichOneof("step") != "header":
             raise InvalidInput("The stream does not begin with a header.", _STREAM_ORDER)
         settings = settings_from_proto(first.header.settings, self.default)
+        at = points_from_proto(first.header.settings)
         header = first.header
         read = _decode_mesh if header.WhichOneof("target") == "mesh_bytes" else self._decode_scene
         size = header.mesh_bytes or header.scene_bytes
@@ -114,7 +127,7 @@ class RegistrarServicer(registrar_pb2_grpc.RegistrarServiceServicer):
             check_samples(scans)
             memory = estimate_work(scene.mask.size, sum(map(len, scans)))
             estimate = await self.context.run_in_thread(
-                self.registrar.register, scene, tuple(scans), settings, memory=memory
+                self.registrar.register, scene, tuple(scans), settings, at, memory=memory
             )
             yield pb.RegisterStreamResponse(estimate=estimate_to_proto(estimate))
 

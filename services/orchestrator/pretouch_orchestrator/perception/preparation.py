@@ -16,6 +16,7 @@ from pretouch_orchestrator.perception.clusters import find_specks
 from pretouch_orchestrator.perception.depth_check import check_intrinsics
 from pretouch_orchestrator.perception.placement_check import check_placement
 from pretouch_orchestrator.perception.segmentation import find_object
+from pretouch_orchestrator.perception.tolerance_check import check_points
 
 _CROP_MARGIN = 0.14
 """m around the object that the crop keeps, besides three standard deviations of the prior."""
@@ -48,7 +49,7 @@ def prepare_scene(
         roi = None if roi is None else (roi[0] // step, roi[1] // step, -(-roi[2] // step), -(-roi[3] // step))
     found = find_object(depth, camera, request.base_T_camera, roi, mask, request.table)
     whole = found.scene
-    warnings += [*found.warnings, *check_placement(request, whole, found.seen)]
+    warnings += [*found.warnings, *check_placement(request, whole, found.seen), *check_points(request, whole)]
     prior = (request.prior or Prior()).fallback
     scene, origin = whole.cropped(
         _CROP_MARGIN + 3 * float(np.hypot(prior.translation_std, prior.rotation_std * whole.radius))

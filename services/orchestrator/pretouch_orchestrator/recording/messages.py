@@ -96,7 +96,9 @@ def describe_session(record: Record) -> session_recording_pb2.RecordedSession:
         scene=common.scene_to_proto(record.scene),
         u0=u0,
         v0=v0,
-        settings=settings_to_proto(record.prior, record.request.sensor, record.estimate.engine),
+        settings=settings_to_proto(
+            record.prior, record.request.sensor, record.request.tolerance.at, record.estimate.engine
+        ),
         session=session_to_proto(record.to_session()),
     )
 

@@ -21,7 +21,12 @@ from pretouch.session import ScanSummary
 from pretouch.tof import Scan
 from pretouch.wire.json import pose_from_json, request_to_json
 from pretouch_orchestrator.perception.believed_ranges import Surface
-from pretouch_orchestrator.report.outcome import describe_correction, describe_outcome
+from pretouch_orchestrator.report.outcome import (
+    describe_correction,
+    describe_forecast,
+    describe_outcome,
+    describe_points,
+)
 from pretouch_orchestrator.report.picture import draw_scene
 from pretouch_orchestrator.sessions.history import list_estimates
 from pretouch_orchestrator.sessions.record import Record
@@ -79,8 +84,10 @@ def build_document(record: Record, events: Iterable[NewEvent]) -> dict[str, Any]
 def _list_facts(record: Record) -> list[list[str]]:
     """Pairs of a name and a value."""
     used, budget, estimate = record.budget_used, record.request.budget, record.estimate
+    forecast = [] if record.forecast is None else [["Forecast", describe_forecast(record.forecast)]]
     return [
         ["Correction", describe_correction(estimate)],
+        ["The error counts at", describe_points(record.request.tolerance)],
         ["Expected error", f"{1000 * estimate.expected_error:.2f} mm"],
         ["Error, at most (95 %)", f"{1000 * estimate.error_quantile:.2f} mm"],
         ["Scans", f"{used.scans} of {budget.scans}"],
@@ -91,6 +98,7 @@ def _list_facts(record: Record) -> list[list[str]]:
         ["Paths that could not be reached", str(len(record.skipped))],
         ["Prior", _describe_prior(record.prior, estimate.centroid)],
         ["Proposer, planner", f"{record.proposer.value}, {record.request.planner.value}"],
+        *forecast,
     ]
 
 

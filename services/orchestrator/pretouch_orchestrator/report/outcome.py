@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pretouch.estimate import MIN_FIT, Estimate
-from pretouch.session import State
+from pretouch.session import Forecast, State, Tolerance
 from pretouch_orchestrator.sessions.record import Record
 
 _NAMES = {
@@ -27,7 +27,7 @@ def describe_outcome(record: Record) -> str:
         parts += [str(record.reason.get(member, "")) for member in ("detail", "remedy")]
     elif record.state is State.CONVERGED:
         parts.append(
-            f"The mean error of the object's points was to be at most {_mm(tolerance.error)} at "
+            f"The mean error of {describe_points(tolerance)} was to be at most {_mm(tolerance.error)} at "
             f"{100 * tolerance.confidence:.4g} % confidence, and it is."
         )
     elif record.state is State.CANCELLED:
@@ -43,6 +43,20 @@ def describe_correction(estimate: Estimate) -> str:
     shift = np.linalg.norm(correction.apply(estimate.centroid) - estimate.centroid)
     cosine = np.clip((np.trace(correction.rotation) - 1) / 2, -1, 1)
     return f"{_mm(float(shift))} and {np.degrees(np.arccos(cosine)):.1f}°"
+
+
+def describe_points(tolerance: Tolerance) -> str:
+    """Where the error counts."""
+    if tolerance.at is None:
+        return "the object's points"
+    return f"{len(tolerance.at)} given point{'' if len(tolerance.at) == 1 else 's'}"
+
+
+def describe_forecast(forecast: Forecast) -> str:
+    """What the rest of the session is expected to take."""
+    return (
+        f"{forecast.scans:.1f} more scans in {forecast.seconds:.0f} s, converged with a chance of {forecast.chance:.0%}"
+    )
 
 
 def _describe_estimate(estimate: Estimate, scans: int) -> list[str]:

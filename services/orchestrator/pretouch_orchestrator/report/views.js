@@ -294,7 +294,7 @@ function showErrors(place, doc) {
     svg.append(make("polyline", { class: line, points: path(values) }));
     values.forEach((v, k) => svg.append(make("circle", { class: dot, cx: x(xs[k].at), cy: y(v), r: 3.5 })));
   }
-  const note = `Solid: expected mean error of the object's points. Shaded: it is in here with 95 % probability. Dashed: ${asked.toFixed(1)} mm were asked for.`
+  const note = `Solid: expected mean error where it counts. Shaded: it is in here with 95 % probability. Dashed: ${asked.toFixed(1)} mm were asked for.`
     + (truth ? " Dotted: the true error, which only a simulation knows." : "");
   place.replaceChildren(choose, svg, html("p", { class: "note" }, note));
 }

@@ -93,7 +93,9 @@ def _json_type(kind: Any) -> Any:
     if get_origin(kind) is Annotated:
         result: Any = float
         for length in reversed(kind.__metadata__[0]):
-            result = Annotated[GenericAlias(list, (result,)), Field(min_length=length, max_length=length)]
+            result = GenericAlias(list, (result,))
+            if length is not None:
+                result = Annotated[result, Field(min_length=length, max_length=length)]
         return result
     if type(None) in arguments:
         return _json_type(arguments[0]) | LeftOut

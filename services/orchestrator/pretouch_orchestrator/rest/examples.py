@@ -28,6 +28,7 @@ from pretouch.prior import PosePrior, Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.session import (
     BudgetUsed,
+    Forecast,
     Planner,
     Proposer,
     Region,
@@ -37,6 +38,7 @@ from pretouch.session import (
     Session,
     SessionRequest,
     State,
+    Tolerance,
 )
 from pretouch.session_warning import SessionWarning
 from pretouch.trajectory import Trajectory
@@ -61,6 +63,7 @@ _REQUEST = SessionRequest(
     base_T_object=_OBJECT,
     prior=Prior(),
     camera_id="head",
+    tolerance=Tolerance(at=np.array([[0.45, 0.0, 0.025], [0.45, 0.0, 0.05]])),
 )
 _PLAN = ScanPlan(
     "scan-1",
@@ -81,12 +84,14 @@ _CREATED = Session(
     base_T_object=_REQUEST.base_T_object,
     table=_REQUEST.table,
     created=1767225600.0,
+    forecast=Forecast(scans=2.3, seconds=11.4, chance=0.86),
 )
 _CORRECTION = Pose.from_rotation_vector((0.0, 0.0, 0.02), (0.004, -0.011, 0.002))
 _CONVERGED = replace(
     _CREATED,
     state=State.CONVERGED,
     next_scan=None,
+    forecast=None,
     estimate=Estimate(
         _CORRECTION,
         _BOX.mean(axis=0),

@@ -50,7 +50,11 @@ PosePrior = derive_model(
     prior.PosePrior, StrictModel, covariance=_Rows | Annotated[list[float], Field(min_length=36, max_length=36)]
 )
 Tolerance = derive_model(
-    session.Tolerance, StrictModel, error=_Share, confidence=Annotated[float, Field(gt=0, le=0.9999)]
+    session.Tolerance,
+    StrictModel,
+    error=_Share,
+    confidence=Annotated[float, Field(gt=0, le=0.9999)],
+    at=Annotated[list[Vector3], Field(min_length=1, max_length=session.MAX_TOLERANCE_POINTS)] | LeftOut,
 )
 Budget = derive_model(
     session.Budget,
@@ -99,6 +103,7 @@ Estimate = extend_model(
 Region = derive_model(session.Region, BaseModel)
 ScanSummary = derive_model(session.ScanSummary, BaseModel, region_id=str | None)
 BudgetUsed = derive_model(session.BudgetUsed, BaseModel)
+Forecast = derive_model(session.Forecast, BaseModel, chance=Annotated[float, Field(ge=0, le=1)])
 ScanProgress = derive_model(session.ScanProgress, BaseModel)
 SessionWarning = derive_model(session_warning.SessionWarning, BaseModel)
 
@@ -145,6 +150,7 @@ Session = derive_model(
     without=("base_T_object",),
     estimate=Estimate,
     next_scan=ScanPlan | None,
+    forecast=Forecast | None,
     reason=Problem | LeftOut,
 )
 SessionList = create_model(

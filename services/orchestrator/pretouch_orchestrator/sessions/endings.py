@@ -15,12 +15,12 @@ def end_session(record: Record, state: State, reason: dict[str, Any] | None = No
     """Ends the session, `reason` being a problem document; one that has already ended is returned unchanged."""
     if record.state.ended:
         return record
-    return replace(record, state=state, next_scan=None, told=(), reason=reason)
+    return replace(record, state=state, next_scan=None, told=(), forecast=None, reason=reason)
 
 
 def cancel(session: Session) -> Session:
     """The session cancelled; one that has already ended is returned unchanged."""
-    return session if session.state.ended else replace(session, state=State.CANCELLED, next_scan=None)
+    return session if session.state.ended else replace(session, state=State.CANCELLED, next_scan=None, forecast=None)
 
 
 def is_explained(estimate: Estimate) -> bool:
@@ -29,7 +29,7 @@ def is_explained(estimate: Estimate) -> bool:
 
 
 def has_converged(record: Record) -> bool:
-    """Whether the tolerance's quantile of the object's mean point error is within its error, the samples explained."""
+    """Whether the tolerance's quantile of the mean error at its points is within its error, the samples explained."""
     return is_explained(record.estimate) and error_quantile(record) <= record.request.tolerance.error
 
 
@@ -55,12 +55,14 @@ def _find_cause(record: Record, limit: Exhaustion) -> Exhaustion:
 
 
 def error_quantile(record: Record) -> float:
-    """m: the tolerance's quantile of the object's mean point error."""
+    """m: the tolerance's quantile of the mean error at its points."""
     tolerance, estimate = record.request.tolerance, record.estimate
     if tolerance.confidence == 0.95:
         return estimate.error_quantile
     centroid = estimate.base_T_correction.apply(estimate.centroid)
-    _, quantile = point_error(estimate.covariance, record.corrected_cloud(), centroid, (tolerance.confidence,))
+    _, quantile = point_error(
+        estimate.covariance, record.corrected_tolerance_points(), centroid, (tolerance.confidence,)
+    )
     return float(quantile[0])
 
 

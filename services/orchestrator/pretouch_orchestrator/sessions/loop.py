@@ -21,11 +21,13 @@ from pretouch.scan_prediction import Candidate
 from pretouch.session import GatewaySpan, Planner, Points, Region, ScanPlan, SessionRequest, Skipped, State, Submission
 from pretouch.session_warning import merge_warnings
 from pretouch.tof import RangeSamples, Scan
+from pretouch_orchestrator.perception.object_symmetry import check_symmetry
 from pretouch_orchestrator.perception.preparation import estimate_preparation, prepare_scene
 from pretouch_orchestrator.planning.candidates import CandidatePath
 from pretouch_orchestrator.planning.planner import Option
 from pretouch_orchestrator.sessions.budget import find_limit, select_affordable
 from pretouch_orchestrator.sessions.endings import end_session, exhaust_session, has_converged
+from pretouch_orchestrator.sessions.forecast import add_forecast
 from pretouch_orchestrator.sessions.progress import Assessment
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.sessions.told import complete_from_gateway, complete_with_rest
@@ -128,7 +130,8 @@ class Loop:
         step = round(request.camera.fx / scene.camera.fx)
         seed = zlib.crc32(scene.depth.metres.tobytes())
         proposer, proposed = await self._detector.propose(scene, request.proposer, request.sensor, seed)
-        estimate = await self._run(from_prior, request.prior or Prior(), scene.cloud)
+        estimate = await self._run(from_prior, request.prior or Prior(), scene.cloud, request.tolerance.at)
+        warnings += await self._run(check_symmetry, request.tolerance, scene, estimate)
         regions = tuple(
             Region(
                 f"region-{k}",
@@ -203,7 +206,10 @@ class Loop:
         scans = replace(record, measured=(*record.measured, scan)).registrable_scans
         if not scans:
             return _Registered(scan, record.estimate, faults)
-        estimate = await self._registrar.register(record.scene, scans, record.prior, record.request.sensor)
+        request = record.request
+        estimate = await self._registrar.register(
+            record.scene, scans, record.prior, request.sensor, request.tolerance.at
+        )
         return _Registered(scan, estimate, faults)
 
     async def fetch_samples(self, span: GatewaySpan) -> RangeSamples:
@@ -227,7 +233,7 @@ class Loop:
         record = update_regions(record, options)
         best = await self._choose(record, options)
         if best is not None:
-            return plan_scan(record, best)
+            return add_forecast(plan_scan(record, best))
         if any(option.visible for option in options):
             return exhaust_session(record, Exhaustion.NOTHING_TO_GAIN)
         limit = Exhaustion.OUT_OF_RANGE if affordable else await self._run(find_limit, record, paths)
@@ -262,6 +268,7 @@ class Loop:
             record.prior,
             request.sensor,
             [Candidate(candidate.path, candidate.spans) for candidate in candidates],
+            request.tolerance.at,
         )
         modules = len(request.sensor.tip_T_module)
         confidences = {region.id: region.confidence for region in record.regions}

@@ -13,7 +13,17 @@ from pretouch.geometry import Array, Pose
 from pretouch.prior import AnyPrior, Prior
 from pretouch.rectangle import RotatedRectangle
 from pretouch.scene import Scene
-from pretouch.session import BudgetUsed, Proposer, Region, ScanPlan, ScanSummary, Session, SessionRequest, State
+from pretouch.session import (
+    BudgetUsed,
+    Forecast,
+    Proposer,
+    Region,
+    ScanPlan,
+    ScanSummary,
+    Session,
+    SessionRequest,
+    State,
+)
 from pretouch.session_warning import SessionWarning
 from pretouch.tof import RangeSamples, Scan
 
@@ -34,6 +44,7 @@ class Record:
         answered: ids of the scans that the client has submitted or skipped.
         reason: a problem document, set when the session is exhausted or failed.
         warnings: what is legal but odd about the input so far.
+        forecast: of the scans from `next_scan` on; None without one.
         version: that of the state in the store from which the record was derived; 0: it was not stored yet.
     """
 
@@ -55,6 +66,7 @@ class Record:
     budget_used: BudgetUsed = field(default_factory=BudgetUsed)
     reason: dict[str, Any] | None = None
     warnings: tuple[SessionWarning, ...] = ()
+    forecast: Forecast | None = None
     version: int = 0
 
     @property
@@ -106,6 +118,13 @@ class Record:
         """(n, 3), m, in base: the object's points, corrected by the present estimate."""
         return np.asarray(self.estimate.base_T_correction.apply(self.scene.cloud), dtype=np.float64)
 
+    def corrected_tolerance_points(self) -> Array:
+        """(k, 3), m, in base: where the error counts, corrected by the present estimate."""
+        at = self.request.tolerance.at
+        if at is None:
+            return self.corrected_cloud()
+        return np.asarray(self.estimate.base_T_correction.apply(at), dtype=np.float64)
+
     def to_session(self) -> Session:
         """The session as its client sees it."""
         base_T_object: Pose | None = None
@@ -126,4 +145,5 @@ class Record:
             warnings=self.warnings,
             table=self.scene.table,
             created=self.created,
+            forecast=self.forecast,
         )

@@ -156,5 +156,6 @@ def record_from_columns(columns: RecordColumns, known: Record | None) -> Record:
         budget_used=view.budget_used,
         reason=view.reason,
         warnings=view.warnings,
+        forecast=view.forecast,
         version=row["version"],
     )

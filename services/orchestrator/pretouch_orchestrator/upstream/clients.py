@@ -8,6 +8,7 @@ from typing import Any
 
 from pretouch.errors import Unavailable, UnknownScene
 from pretouch.estimate import Estimate
+from pretouch.geometry import Array
 from pretouch.prior import AnyPrior
 from pretouch.rectangle import ProposedRegion
 from pretouch.scan_prediction import Candidate, Prediction
@@ -73,24 +74,32 @@ class RegistrarClient:
     def __init__(self, copies: Copies) -> None:
         self._copies = copies
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> Estimate:
+    async def register(
+        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, at: Array | None = None
+    ) -> Estimate:
         """See `interfaces.Registrar`."""
         request = registrar_pb2.RegisterRequest(
             scene_digest=scene.digest,
             scans=[common.scan_to_proto(scan) for scan in scans],
-            settings=settings_to_proto(prior, sensor),
+            settings=settings_to_proto(prior, sensor, at),
         )
         answer = await self._ask("Register", request, scene)
         return common.estimate_from_proto(answer.estimate)
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, candidates: Sequence[Candidate]
+        self,
+        scene: Scene,
+        scans: Sequence[Scan],
+        prior: AnyPrior,
+        sensor: Sensor,
+        candidates: Sequence[Candidate],
+        at: Array | None = None,
     ) -> list[list[Prediction]]:
         """See `interfaces.Registrar`."""
         request = registrar_pb2.PredictScansRequest(
             scene_digest=scene.digest,
             scans=[common.scan_to_proto(scan) for scan in scans],
-            settings=settings_to_proto(prior, sensor),
+            settings=settings_to_proto(prior, sensor, at),
             candidates=[candidate_to_proto(candidate) for candidate in candidates],
         )
         return predictions_from_proto(await self._ask("PredictScans", request, scene), candidates)

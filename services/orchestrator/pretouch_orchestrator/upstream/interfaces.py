@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from pretouch.estimate import Estimate
+from pretouch.geometry import Array
 from pretouch.prior import AnyPrior
 from pretouch.rectangle import ProposedRegion
 from pretouch.scan_prediction import Candidate, Prediction
@@ -27,14 +28,24 @@ class Detector(Protocol):
 class Registrar(Protocol):
     """Estimates the object's pose, and predicts what a scan would improve."""
 
-    async def register(self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor) -> Estimate:
-        """The estimate from all scans."""
+    async def register(
+        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, at: Array | None = None
+    ) -> Estimate:
+        """The estimate from all scans; its errors are those at `at` (k, 3), m, in base, as the camera puts them, or at
+        the object's visible points.
+        """
         ...
 
     async def predict(
-        self, scene: Scene, scans: Sequence[Scan], prior: AnyPrior, sensor: Sensor, candidates: Sequence[Candidate]
+        self,
+        scene: Scene,
+        scans: Sequence[Scan],
+        prior: AnyPrior,
+        sensor: Sensor,
+        candidates: Sequence[Candidate],
+        at: Array | None = None,
     ) -> list[list[Prediction]]:
-        """For each candidate, what a scan of each of its pieces would leave and return."""
+        """For each candidate, what a scan of each of its pieces would leave, at `at` as above, and return."""
         ...
 
 

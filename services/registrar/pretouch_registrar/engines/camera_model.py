@@ -13,10 +13,10 @@ from scipy.spatial import ConvexHull, QhullError
 
 from pretouch.cancellation import check_cancelled
 from pretouch.geometry import Array
+from pretouch.rotational_symmetry import find_symmetry_axis
 from pretouch.scene import Scene
 from pretouch_registrar.engines.camera_noise import CameraNoise, measure_camera_noise
 from pretouch_registrar.engines.plane_fits import Window, fit_planes
-from pretouch_registrar.rotational_symmetry import find_symmetry_axis
 
 UNSEEN, OBJECT, TABLE, OTHER = 0, 1, 2, 3
 """Kinds of a pixel: no depth, the object, the table, or another object."""

