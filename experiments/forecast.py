@@ -17,7 +17,7 @@ import argparse
 import asyncio
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,55 +43,11 @@ from rich.console import Console
 
 from experiments.command_line import command_of, run_resumable
 from experiments.folders import SHARED
+from experiments.forecast_course import Course
 from experiments.forecast_fit import SCANS, SECONDS, TOLERANCES, fit_coefficients
 from experiments.forecast_report import write_report
 from pretouch.errors import PretouchError
-from pretouch.session import Budget, Forecast, Planner, SessionRequest, State, Tolerance
-
-
-@dataclass(frozen=True)
-class Row:
-    """A session, from each of its states that awaited a scan.
-
-    Attributes:
-        mesh, view: which one; the view is its number in the experiment.
-        tolerance: m.
-        features: (s, 9) of each state.
-        rest: (s, 2) scans and robot seconds that the budget has left in each state.
-        spent: (s,) robot seconds spent before each state.
-        durations: (s,) s, of the scan that each state awaited.
-        quantiles: (s + 1,) m, of the error at the tolerance's confidence, in each state and at the end.
-        explained: (s + 1,) whether the estimate explained the samples.
-        seconds: robot seconds of the whole session.
-        state, reason: how it ended.
-        error: m, the true error at the end, at the points where it counts.
-    """
-
-    mesh: str
-    view: int
-    tolerance: float
-    features: list[list[float]]
-    rest: list[tuple[int, float]]
-    spent: list[float]
-    durations: list[float]
-    quantiles: list[float]
-    explained: list[bool]
-    seconds: float
-    state: str
-    reason: str
-    error: float
-
-    @property
-    def forecasts(self) -> list[Forecast]:
-        """By the coefficients that there are now."""
-        return [
-            forecast.compute_forecast(forecast.Features(*features), *rest)
-            for features, rest in zip(self.features, self.rest, strict=True)
-        ]
-
-    @property
-    def converged(self) -> bool:
-        return self.state == State.CONVERGED.value
+from pretouch.session import Budget, Planner, SessionRequest, Tolerance
 
 
 def protocol_of(seed: int) -> Protocol:
@@ -156,7 +112,7 @@ def run_view(path: Path, view: int, seed: int, drawn: bool) -> dict[str, Any] | 
     at = last.request.tolerance.at
     points = case.cloud if at is None else at
     moved = last.estimate.base_T_correction.apply(points)
-    row = Row(
+    row = Course(
         mesh=path.stem,
         view=view,
         tolerance=last.request.tolerance.error,
@@ -192,10 +148,10 @@ def run(arguments: argparse.Namespace) -> None:
         if row is not None:
             kept.add(row)
             console.print(f"{len(kept.rows)}: {row['mesh']} {row['state']} {row['reason']}")
-    report([Row(**row) for row in kept.rows], arguments)
+    report([Course(**row) for row in kept.rows], arguments)
 
 
-def report(rows: Sequence[Row], arguments: argparse.Namespace) -> None:
+def report(rows: Sequence[Course], arguments: argparse.Namespace) -> None:
     if arguments.fit:
         print(fit_coefficients(rows))
         return

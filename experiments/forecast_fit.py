@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from pretouch_orchestrator.sessions.forecast import ENOUGH_SCANS, ENOUGH_SECONDS, Features
 from scipy.optimize import minimize
 
+from experiments.forecast_course import Course
 from pretouch.geometry import Array
 
 TOLERANCES = (0.002, 0.003, 0.005, 0.008, 0.012)
@@ -22,18 +23,6 @@ SCANS = (2, 4, 10)
 SECONDS = (15.0, 40.0, 120.0)
 _RIDGE = 1.0
 """Precision of a normal prior of each coefficient but the constant: few sessions do not tell them all."""
-
-
-class Course(Protocol):
-    """What is fitted of a session: see `experiments.forecast.Row`."""
-
-    tolerance: float
-    features: list[list[float]]
-    spent: list[float]
-    durations: list[float]
-    quantiles: list[float]
-    explained: list[bool]
-    seconds: float
 
 
 class Cut(NamedTuple):
@@ -77,8 +66,8 @@ def cut(course: Course, tolerance: float, scans: int, seconds: float) -> Cut:
 
 def cut_all(courses: Sequence[Course]) -> Iterator[Cut]:
     """Every session with every tolerance and budget, without those that have converged, or end, before a scan."""
-    for course, *settings in product(courses, TOLERANCES, SCANS, SECONDS):
-        made = cut(course, *settings)
+    for course, tolerance, scans, seconds in product(courses, TOLERANCES, SCANS, SECONDS):
+        made = cut(course, tolerance, scans, seconds)
         if len(made.features):
             yield made
 

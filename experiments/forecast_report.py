@@ -5,30 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import astuple
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from pretouch_simulation.markdown import markdown_table
 from scipy.stats import beta
 
+from experiments.forecast_course import Course
 from pretouch.geometry import Array
-from pretouch.session import Forecast
 
 _BINS = 5
-
-
-class Course(Protocol):
-    """What is shown of a session: see `experiments.forecast.Row`."""
-
-    spent: list[float]
-    seconds: float
-
-    @property
-    def forecasts(self) -> list[Forecast]: ...
-
-    @property
-    def converged(self) -> bool: ...
 
 
 class States(NamedTuple):
@@ -66,7 +54,7 @@ def write_report(courses: Sequence[Course], command: str, out: Path) -> None:
     _draw(stages, out / "forecast.png")
 
 
-def _group(stated: Array) -> list[Array]:
+def _group(stated: Array) -> list[NDArray[np.intp]]:
     """Indices of groups of equally many states, in the order of what was stated."""
     return [group for group in np.array_split(np.argsort(stated, kind="stable"), _BINS) if len(group)]
 

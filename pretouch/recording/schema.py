@@ -9,19 +9,23 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
 
-@cache
 def describe_schema(message: type[Message]) -> bytes:
     """The schema of a message as MCAP requires it: a FileDescriptorSet of its file and all that this imports."""
+    return _describe_file(message.DESCRIPTOR.file)
+
+
+@cache
+def _describe_file(file: Any) -> bytes:
     files: dict[str, Any] = {}
 
-    def add(file: Any) -> None:
-        if file.name not in files:
-            for imported in file.dependencies:
+    def add(one: Any) -> None:
+        if one.name not in files:
+            for imported in one.dependencies:
                 add(imported)
-            files[file.name] = file
+            files[one.name] = one
 
-    add(message.DESCRIPTOR.file)
+    add(file)
     described = FileDescriptorSet()
-    for file in files.values():
-        file.CopyToProto(described.file.add())
+    for each in files.values():
+        each.CopyToProto(described.file.add())
     return described.SerializeToString()
