@@ -14,6 +14,7 @@ class Course:
     """What became of a session, from each of its states that awaited a scan.
 
     Attributes:
+        world: of the simulation: camera and finger.
         mesh, view: which one; the view is its number in the experiment.
         tolerance: m.
         features: (s, 9) of each state.
@@ -27,6 +28,7 @@ class Course:
         error: m, the true error at the end, at the points where it counts.
     """
 
+    world: str
     mesh: str
     view: int
     tolerance: float

@@ -91,6 +91,6 @@ def test_states_and_intervals_of_the_report(tmp_path: Path) -> None:
     assert low < 2 / 3 < high
     assert binomial_interval(0, 10)[0] == 0.0
     assert binomial_interval(10, 10)[1] == 1.0
-    write_report(courses, "python -m experiments.forecast", tmp_path)
-    assert "3 sessions" in (tmp_path / "forecast.md").read_text()
+    write_report({"random random": courses}, "python -m experiments.forecast", tmp_path)
+    assert "3 in `random random`" in (tmp_path / "forecast.md").read_text()
     assert (tmp_path / "forecast.png").stat().st_size > 10_000
