@@ -1,7 +1,7 @@
 """Forecasts of sessions against what became of them; fits the forecast's coefficients.
 
-    python -m experiments.forecast --split train --sessions 40 --fit [--world "kinect ideal"]
-    python -m experiments.forecast --split validation --sessions 40 --seed 1 [--world "kinect ideal"] [--out docs/results]
+    python -m experiments.forecast --split train --sessions 40 --fit [--world NAME]
+    python -m experiments.forecast --split validation --sessions 40 --seed 1 [--world NAME] [--out docs/results]
 
 Each session is of another view of the split's meshes, in the world `random random` unless another is named, with
 tolerance, budget and points drawn for it (`draw_request`); its robot finishes its scans. With `--fit` all have the

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
@@ -15,17 +16,17 @@ def describe_schema(message: type[Message]) -> bytes:
 
 
 @cache
-def _describe_file(file: Any) -> bytes:
+def _describe_file(described: FileDescriptor) -> bytes:
     files: dict[str, Any] = {}
 
-    def add(one: Any) -> None:
-        if one.name not in files:
-            for imported in one.dependencies:
+    def add(file: Any) -> None:
+        if file.name not in files:
+            for imported in file.dependencies:
                 add(imported)
-            files[one.name] = one
+            files[file.name] = file
 
-    add(file)
-    described = FileDescriptorSet()
-    for each in files.values():
-        each.CopyToProto(described.file.add())
-    return described.SerializeToString()
+    add(described)
+    whole = FileDescriptorSet()
+    for file in files.values():
+        file.CopyToProto(whole.file.add())
+    return whole.SerializeToString()
