@@ -39,7 +39,6 @@ from pretouch_registrar.prediction import count_truths, predict_candidate
 
 MAX_SAMPLES = 400_000
 """Samples of all scans of one call."""
-_NO_MOTION = Pose.identity()
 CACHE_BYTES = 768 * 2**20
 """Memory for recent results, unless a registrar is told otherwise: for hundreds of scenes of a usual size."""
 _SCENES, _MODELS, _SOLUTIONS = 0.2, 0.4, 0.4
@@ -201,10 +200,8 @@ class Registrar:
         prior = settings.prior
         if isinstance(prior, PosePrior) and scans:
             wide, found = self._solve_with(model, scans, replace(settings, prior=prior.fallback))
-            correction, about = (
-                pose_from_correction(found.x, scene.centroid),
-                replace(prior, base_T_correction=_NO_MOTION),
-            )
+            correction = pose_from_correction(found.x, scene.centroid)
+            about = PosePrior(Pose.identity(), prior.covariance)
             if found.fit >= MIN_FIT and about.is_contradicted_by(correction, scene.centroid, found.covariance):
                 return wide, found
         return self._solve_with(model, scans, settings)
