@@ -13,9 +13,9 @@ from helpers.processes import Orchestrator
 
 from pretouch.client import GrpcClient, RestClient, drive, drive_async
 from pretouch.errors import Conflict, InvalidInput, NotFound, Unauthenticated
-from pretouch.estimate import Prior, point_error
+from pretouch.estimate import point_error
 from pretouch.geometry import Pose
-from pretouch.prior import PosePrior
+from pretouch.prior import PosePrior, Prior
 from pretouch.session import (
     Budget,
     GatewaySpan,

@@ -56,6 +56,8 @@ ENOUGH_SCANS: Final = 10.0
 ENOUGH_SECONDS: Final = 30.0
 """Budgets beyond these change nothing."""
 _MAX_LOG: Final = 10.0
+_LEAST: Final = 1e-9
+"""m: smaller errors and tolerances count as this one."""
 
 
 def describe(record: Record) -> Features:
@@ -66,11 +68,11 @@ def describe(record: Record) -> Features:
     best = min((region.expected_error for region in record.regions), default=estimate.expected_error)
     return Features(
         constant=1.0,
-        need=float(np.log(max(error_quantile(record), 1e-9) / request.tolerance.error)),
+        need=float(np.log(max(error_quantile(record), _LEAST) / max(request.tolerance.error, _LEAST))),
         gain=float(max(np.log(estimate.expected_error / best), 0.0)),
         scans=float(np.log(min(scans, ENOUGH_SCANS))),
         seconds=float(np.log(np.clip(seconds / record.next_scan.path.duration, 1.0, ENOUGH_SECONDS))),
-        tolerance=float(np.log(1000.0 * request.tolerance.error)),
+        tolerance=float(np.log(1000.0 * max(request.tolerance.error, _LEAST))),
         cone=10.0 * request.sensor.beam_half_angle,
         begun=float(bool(record.scans)),
         misfit=float(not is_explained(estimate)),
