@@ -1,7 +1,7 @@
 """Forecasts of sessions against what became of them; fits the forecast's coefficients.
 
     python -m experiments.forecast --split train --sessions 40 --fit [--world "kinect ideal"]
-    python -m experiments.forecast --split validation --sessions 40 --seed 1 [--world "kinect ideal"] [--out docs/results]
+    python -m experiments.forecast --split validation --sessions 40 --seed 1 [--world "kinect ideal"] [--out DIR]
 
 Each session is of another view of the split's meshes, in the world `random random` unless another is named, with
 tolerance, budget and points drawn for it (`draw_request`); its robot finishes its scans. With `--fit` all have the
@@ -54,7 +54,7 @@ class Row:
         world: of the simulation: camera and finger.
         mesh, view: which one; the view is its number in the experiment.
         tolerance: m.
-        features: (s, 9) of each state.
+        features: (s, 8) of each state.
         rest: (s, 2) scans and robot seconds that the budget has left in each state.
         spent: (s,) robot seconds spent before each state.
         durations: (s,) s, of the scan that each state awaited.
