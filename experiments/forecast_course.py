@@ -17,7 +17,7 @@ class Course:
         world: of the simulation: camera and finger.
         mesh, view: which one; the view is its number in the experiment.
         tolerance: m.
-        features: (s, 9) of each state.
+        features: (s, 8) of each state.
         rest: (s, 2) scans and robot seconds that the budget has left in each state.
         spent: (s,) robot seconds spent before each state.
         durations: (s,) s, of the scan that each state awaited.

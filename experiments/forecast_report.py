@@ -92,9 +92,9 @@ def _write_page(counts: str, stages: dict[str, States], command: str) -> str:
             "# What sessions are forecast to take\n",
             f"Made by `{command}` and the same in the other world: sessions on views of the split's meshes, {counts}, "
             "which are simulated; tolerances of 2, 3, 5, 8 or 12 mm, budgets of 2, 4 or 10 scans and 15, 40 or 120 "
-            "robot seconds, a quarter of them with one visible point as `tolerance.at`; robots that finish their scans. The "
-            "coefficients were fitted to other sessions, on the training side of the meshes. Groups are of equally "
-            "many sessions by what was stated; intervals are of 95 %.\n",
+            "robot seconds, a quarter of them with one visible point as `tolerance.at`; robots that finish their "
+            "scans. The coefficients were fitted to other sessions, on the training side of the meshes. Groups are of "
+            "equally many sessions by what was stated; intervals are of 95 %.\n",
             "![Chance, scans and seconds stated against what became of them](forecast.png)\n",
             "Brier score: mean squared difference of the chance and the outcome; that of the overall share is what a "
             "forecast without any knowledge of the session would reach.\n",

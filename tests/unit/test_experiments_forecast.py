@@ -20,7 +20,7 @@ class Made:
 
     tolerance: float = 0.002
     features: list[list[float]] = field(
-        default_factory=lambda: [list(Features(1, k, 0.5, 2, 3, 1, 0, k, 0)) for k in (2, 1, 0)]
+        default_factory=lambda: [list(Features(1, k, 0.5, 2, 3, 1, 0, k)) for k in (2, 1, 0)]
     )
     spent: list[float] = field(default_factory=lambda: [0.0, 4.0, 8.0])
     durations: list[float] = field(default_factory=lambda: [4.0] * 3)
