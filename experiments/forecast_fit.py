@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from pretouch_orchestrator.sessions.forecast import ENOUGH_SCANS, ENOUGH_SECONDS, Features
 from scipy.optimize import minimize
+from scipy.special import expit
 
 from experiments.forecast_course import Course
 from pretouch.geometry import Array
@@ -74,18 +75,20 @@ def cut_all(courses: Sequence[Course]) -> Iterator[Cut]:
 
 
 def fit_coefficients(courses: Sequence[Course]) -> str:
-    """The coefficients as lines of Python. All cuts of a session count together as one observation."""
+    """The coefficients as lines of Python. Each state counts; with all its cuts a session counts as one."""
     cuts = list(cut_all(courses))
     x = np.concatenate([each.features for each in cuts])
-    share = len(courses) / len(cuts)
-    weights = np.concatenate([np.full(len(each.features), share / len(each.features)) for each in cuts])
+    weights = np.full(len(x), len(courses) / len(cuts))
     converged = np.concatenate([np.full(len(each.features), float(each.converged)) for each in cuts])
     scans = np.concatenate([each.scans for each in cuts])
     seconds = np.concatenate([each.seconds for each in cuts])
+    left = np.exp(x[:, Features._fields.index("scans")])
+    share = _fit(x, lambda z: left * np.logaddexp(0.0, z) - scans * z, weights)
+    made = np.maximum(1.0, left * expit(x @ share))
     fits = {
         "CHANCE": _fit(x, lambda z: np.logaddexp(0.0, z) - converged * z, weights),
-        "SCANS": _fit(x, lambda z: np.exp(z) - scans * z, weights),
-        "SECONDS": _fit(x, lambda z: (np.exp(z) - seconds * z) / seconds.mean(), weights),
+        "SCANS": share,
+        "SECONDS": _fit(x, lambda z: (made * np.exp(z) - seconds * z) / seconds.mean(), weights),
     }
     lines = [
         f"# {len(courses)} sessions, cut to {len(cuts)}, {np.mean([each.converged for each in cuts]):.0%} converge"

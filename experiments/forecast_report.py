@@ -136,5 +136,5 @@ def _draw(stages: dict[str, States], path: Path) -> None:
         axes.plot([0, limit], [0, limit], color="black", linewidth=0.8)
         axes.set(xlabel=f"{what} stated", ylabel=f"{what} needed")
     for axes in (chance, scans, seconds):
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=7, loc="lower right")
     figure.savefig(path, dpi=110)

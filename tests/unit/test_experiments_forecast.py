@@ -78,7 +78,7 @@ def test_what_lies_beyond_the_tolerance_lowers_the_fitted_chance() -> None:
         [float(value) for value in line.partition("Features(")[2].rstrip(")").split(", ")] for line in lines[1:]
     )
     assert len(chance) == len(Features._fields)
-    assert chance[1] < -0.5 < 0.1 < scans[1]
+    assert chance[1] < -0.5 < 0.0 < scans[1]
 
 
 def test_states_and_intervals_of_the_report(tmp_path: Path) -> None:

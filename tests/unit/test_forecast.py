@@ -69,5 +69,5 @@ def test_the_features_say_what_the_record_says() -> None:
     assert known.gain == np.log(record.estimate.expected_error / min(r.expected_error for r in record.regions))
     assert (known.scans, known.seconds) == (np.log(ENOUGH_SCANS), np.log(ENOUGH_SECONDS))
     assert known.begun == 0.0
-    after = answer(loop, record, samples_of(record))
+    after = answer(Loop(RandomDetector(), FormulaRegistrar(gain=0.01)), record, samples_of(record))
     assert describe(after).begun == 1.0
