@@ -15,8 +15,9 @@ from helpers.fake_upstream import FakeUpstream
 from helpers.processes import Orchestrator
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
+    """Closed with its module: while Playwright's synchronous API is open, no asyncio test can run in the process."""
     with browsing() as found:
         yield found
 
