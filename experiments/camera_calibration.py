@@ -4,9 +4,9 @@
     python -m experiments.camera_calibration pairs HAND.csv CAMERA.csv [.. ..] [--campaigns 20] [--seed 0]
 
 `campaigns` draws campaigns of 12 sessions in worlds that the estimator does not know, and knocks after six of them; it
-writes camera-calibration.json world by world, camera-calibration.png and camera-calibration.md. `pairs` takes two recordings of poses (time,
-x, y, z, qx, qy, qz, qw), by the hand and by the camera, as a camera's sessions, and writes camera-pairs.json
-and the page anew. Both write to --out, docs/results unless given.
+writes camera-calibration.json world by world, and camera-calibration.png. `pairs` takes two recordings of poses (time,
+x, y, z, qx, qy, qz, qw), by the hand and by the camera, as a camera's sessions, and writes camera-pairs.json. Both
+write camera-calibration.md anew, to --out, docs/results unless given. Set OPENBLAS_NUM_THREADS=1: matrices are small.
 """
 
 from __future__ import annotations
