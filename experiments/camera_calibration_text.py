@@ -117,8 +117,9 @@ def _now(rows: Sequence[dict[str, Any]]) -> str:
 def _describe_worlds(rows: Sequence[dict[str, Any]]) -> str:
     lines = [
         "\nTruths in the 95 % and in the 50 % region of the prior, sessions 2 to 12, %, and its standard deviation "
-        "along an axis, median, mm, before the sessions 2, 4, 8 and 12 (11.5 without the calibration); before session 12 in "
-        "deg:\n\n| residual, camera | n | 95 % | 50 % | 2 | 4 | 8 | 12 | deg |\n|---|---|---|---|---|---|---|---|---|\n"
+        "along an axis, median, mm, before the sessions 2, 4, 8 and 12 (11.5 without the calibration); "
+        "before session 12 in deg:\n\n"
+        "| residual, camera | n | 95 % | 50 % | 2 | 4 | 8 | 12 | deg |\n|---|---|---|---|---|---|---|---|---|\n"
     ]
     for row in rows:
         widths = " | ".join(f"{1000 * row['translation'][k]:.1f}" for k in (1, 3, 7, 11))
@@ -131,8 +132,8 @@ def _describe_worlds(rows: Sequence[dict[str, Any]]) -> str:
     lines.append(
         f"\nAll together {interval(all_held, known)} % (n = {known}; aim: 93 to 97).\n\n**False alarms**: in "
         f"{sessions} sessions of these campaigns, without a knock or a confidently wrong session, `moved` was told "
-        f"{moved} times: {100 * moved / sessions:.2f} % (aim: at most 0.5). `suspected`, which is information and no alarm, "
-        f"was told in {sum(row['suspected_right'] for row in calm)}.\n"
+        f"{moved} times: {100 * moved / sessions:.2f} % (aim: at most 0.5). `suspected`, which is information "
+        f"and no alarm, was told in {sum(row['suspected_right'] for row in calm)}.\n"
     )
     wrong, told = sum(row["wrong"] for row in rows), sum(row["wrong_told"] for row in rows)
     lines.append(f"\nOf {wrong} sessions that were confidently wrong by 3 cm and 8 deg, {told} were told at once.\n")
@@ -173,8 +174,9 @@ def _describe_recording(row: dict[str, Any]) -> str:
     return (
         f"- **{row['world']}**, {row['pairs']} pairs, {row['campaigns']} campaigns: a pair's error under the "
         f"calibration of all {shifts} mm and {turns} deg (50 / 90 / 99 %); error of the believed calibration "
-        f"{row['before_mm']:.1f} mm and {row['before_deg']:.2f} deg in the median; the prior's standard deviation before sessions 1 / 2 / 4 / "
-        f"8 / 12 {widths} mm; truths in its 95 % region {interval(row['held'], known)} % of {known} sessions, in its "
+        f"{row['before_mm']:.1f} mm and {row['before_deg']:.2f} deg in the median; the prior's standard "
+        f"deviation before sessions 1 / 2 / 4 / 8 / 12 {widths} mm; truths in its "
+        f"95 % region {interval(row['held'], known)} % of {known} sessions, in its "
         f"50 % region {100 * row['held_50']:.0f} %; standard deviations of the six z-scores {zs}; told as suspected or "
         f"moved {row['alarms']}.\n"
     )
