@@ -79,23 +79,24 @@ def run_worlds(arguments: argparse.Namespace) -> None:
     """Writes the rows after each world, and the page at the end."""
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
+    wanted = len([*worlds(), *knocks()])
     with ProcessPoolExecutor(arguments.workers) as pool:
         for name, world in worlds():
             seeds = [(world, [arguments.seed, k]) for k in range(arguments.campaigns)]
             done = list(pool.map(_run_one, seeds))
             rows.append({"world": name, "campaigns": len(done), **_cover(done)})
-            _save(arguments, "camera-calibration.json", rows)
+            _save(arguments, "camera-calibration.json", rows, wanted)
         for name, world, knock in knocks():
             seeds = [(world, knock, [arguments.seed, k]) for k in range(arguments.knocks)]
             rows.append({"world": name, "campaigns": arguments.knocks, **_watch(list(pool.map(_run_knock, seeds)))})
-            _save(arguments, "camera-calibration.json", rows)
+            _save(arguments, "camera-calibration.json", rows, wanted)
     save_picture(rows, arguments.out / "camera-calibration.png")
     write_page(arguments.out)
 
 
-def _save(arguments: argparse.Namespace, name: str, rows: list[dict[str, Any]]) -> None:
-    text = json.dumps({"command": command_of("camera_calibration"), "seed": arguments.seed, "rows": rows}, indent=1)
-    (arguments.out / name).write_text(text + "\n")
+def _save(arguments: argparse.Namespace, name: str, rows: list[dict[str, Any]], wanted: int) -> None:
+    told = {"command": command_of("camera_calibration"), "seed": arguments.seed, "wanted": wanted, "rows": rows}
+    (arguments.out / name).write_text(json.dumps(told, indent=1) + "\n")
 
 
 def knocks() -> Iterator[tuple[str, World, Knock]]:
@@ -195,7 +196,7 @@ def run_pairs(arguments: argparse.Namespace) -> None:
             }
         )
     arguments.out.mkdir(parents=True, exist_ok=True)
-    _save(arguments, "camera-pairs.json", rows)
+    _save(arguments, "camera-pairs.json", rows, len(paths) // 2)
     write_page(arguments.out)
 
 

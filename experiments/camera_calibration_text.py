@@ -33,6 +33,9 @@ state 1.2 mm and 0.8 deg in the middle, each direction from half to twice that, 
 one direction; 92 % are off by 0.6 of what they state, 8 % by three times as much. A moving camera stands anywhere
 within 70 deg of azimuth. A prediction is a normal distribution with the 95 % region of the multivariate t that an
 uncertain residual makes of it, and wider where the camera's sessions surprised more than was stated.
+On the seeds 100 and 200, on which this was chosen (54 campaigns in 12 worlds, both kinds of sessions), it took the
+share of truths in the 95 % region from 91.6 to 94.9 %, and the standard deviation before the sessions 2, 4, 8 and 12
+from 6.4, 3.9, 2.8 and 2.5 mm to 8.1, 4.6, 3.0 and 2.8 mm.
 """
 _LIMITS = """
 ## What a test can tell
@@ -68,9 +71,9 @@ confidently wrong ones, of which no page is made). At 0.6 there was 1 false alar
 0.05 there were 14; of 6 pushes of 10 mm 0, 2 and 3 were told, of 6 with converged sessions 0, 0 and 1; of 6 turns of 2
 deg about the object with converged sessions 1, 2 and 6: no threshold meets both aims. A likelihood ratio of the last
 two sessions, in which each of them must disagree alone, told 3 of 4 pushes of 10 mm where at an equal rate of false
-alarms (1 in 100 sessions) the probability told none, but with converged sessions 1 of 4 against 0, 3 of 4 turns
-against 2: promising, far too few to replace one by the other, and not in the estimator. Its threshold at that rate was
-twice as high with converged sessions as with others.
+alarms (1 in 100 sessions, confidently wrong ones among them) the probability told none, but with converged sessions 1
+of 4 against 0, 3 of 4 turns against 2: promising, far too few to replace one by the other, and not in the estimator.
+Its threshold at that rate was twice as high with converged sessions as with others.
 """
 _END = """
 The first session after a knock cannot know of it: its prior is wrong, and its own samples must say so. Whether a
@@ -101,7 +104,11 @@ def write_page(folder: Path) -> None:
     if (folder / "camera-calibration.json").exists():
         told = json.loads((folder / "camera-calibration.json").read_text())
         rows = told["rows"]
-        parts += ["\n## Simulated campaigns\n", f"\n`{told['command']}`, {_now(rows)}.\n", _WORLDS]
+        parts += [
+            "\n## Simulated campaigns\n",
+            f"\n`{told['command']}`, {_describe_run(rows, told['wanted'])}.\n",
+            _WORLDS,
+        ]
         parts += [_describe_worlds([row for row in rows if "coverage" in row])]
         parts += [_LIMITS, _describe_bounds(), _AFTER_LIMITS, _KNOCKS]
         parts += ["".join(_describe_knock(row) for row in rows if "flagged" in row), _TRIED]
@@ -119,10 +126,11 @@ def interval(share: float, count: int) -> str:
     return f"{100 * share:.0f} ({100 * low:.0f} to {100 * high:.0f})"
 
 
-def _now(rows: Sequence[dict[str, Any]]) -> str:
+def _describe_run(rows: Sequence[dict[str, Any]], wanted: int) -> str:
     covered = [row["campaigns"] for row in rows if "coverage" in row]
     knocked = [row["campaigns"] for row in rows if "flagged" in row]
-    return f"{covered[0]} campaigns of 12 sessions a world, {knocked[0] if knocked else 0} of each knock"
+    text = f"{covered[0]} campaigns of 12 sessions a world, {knocked[0] if knocked else 0} of each knock"
+    return text if len(rows) >= wanted else f"{text}; **stopped after {len(rows)} of {wanted} rows**"
 
 
 def _describe_worlds(rows: Sequence[dict[str, Any]]) -> str:
