@@ -36,10 +36,8 @@ def save_picture(rows: Sequence[dict[str, Any]], path: Path) -> None:
     width.legend(fontsize=7)
     knocked = [row for row in rows if "flagged" in row]
     places = np.arange(len(knocked))
-    knocks.barh(places + 0.2, [100 * row["flagged"] for row in knocked], 0.4, label="suspected or moved")
-    knocks.barh(places - 0.2, [100 * row["moved"] for row in knocked], 0.4, label="moved")
-    knocks.set_yticks(places, [row["world"] for row in knocked], fontsize=8)
+    knocks.barh(places, [100 * row["flagged"] for row in knocked])
+    knocks.set_yticks(places, [row["world"] for row in knocked], fontsize=6)
     knocks.set(title="knocks told within two sessions, %", xlim=(0, 100))
     knocks.invert_yaxis()
-    knocks.legend(fontsize=7)
     save_small(figure, path, 110)

@@ -19,6 +19,7 @@ from pretouch.prior import AnyPrior, Prior
 ANGLE, SHIFT = np.radians(5), 0.02
 """rad and m: half widths of the calibration error by roll, pitch, yaw and base axis, as in `pretouch evaluate`."""
 RESIDUAL_ROTATION, RESIDUAL_TRANSLATION = np.radians(0.4), 0.002
+CONVERGED = np.diag([np.radians(0.3)] * 3 + [0.001] * 3) ** 2
 _TAIL_SHARE, _TAIL, _BULK = 0.08, 3.0, 0.6
 
 
@@ -47,6 +48,7 @@ class World:
         moving: whether the camera is elsewhere in each session.
         wrong: share of sessions that are confidently wrong by 3 cm and 8 deg.
         weak: share of sessions that measure next to nothing.
+        converged: whether every session knows its answer to 1 mm and 0.3 deg along each axis, as stated.
     """
 
     residual: Residual = Residual.NORMAL
@@ -54,6 +56,7 @@ class World:
     moving: bool = False
     wrong: float = 0.0
     weak: float = 0.0
+    converged: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,9 +106,7 @@ class Campaign:
     def step(self, k: int) -> Session:
         """One session: predicted, held, added."""
         calibration = estimate_calibration(self.observations)
-        camera = self._place_camera(np.radians(35)) if self.world.moving else self._home
-        centroid = np.append(self.rng.uniform(-0.15, 0.15, 2), self.rng.uniform(0.02, 0.1))
-        truth = self._truth(k, camera, centroid)
+        camera, centroid, truth = self._draw(k)
         prediction = calibration.predict(camera, centroid)
         prior = Prior() if prediction is None else prediction
         off = difference(truth, prior.mean, centroid)
@@ -113,6 +114,17 @@ class Campaign:
         wrong = bool(self.rng.random() < self.world.wrong)
         self._observe(k, camera, centroid, _wrong_place(self.rng, truth, centroid) if wrong else truth, prior)
         return Session(prior, prediction is not None, chi2, float(np.linalg.norm(off[3:])), calibration, wrong)
+
+    def hold(self, k: int) -> tuple[Pose, Array, Pose]:
+        """One session from the default prior, without a prediction: believed pose, centroid (3,) and truth."""
+        camera, centroid, truth = self._draw(k)
+        self._observe(k, camera, centroid, truth, Prior())
+        return camera, centroid, truth
+
+    def _draw(self, k: int) -> tuple[Pose, Array, Pose]:
+        camera = self._place_camera(np.radians(35)) if self.world.moving else self._home
+        centroid = np.append(self.rng.uniform(-0.15, 0.15, 2), self.rng.uniform(0.02, 0.1))
+        return camera, centroid, self._truth(k, camera, centroid)
 
     def _place_camera(self, spread: float) -> Pose:
         azimuth = self._azimuth + self.rng.uniform(-spread, spread)
@@ -153,6 +165,8 @@ class Campaign:
         """The session's answer: the product of its prior and of what its samples say."""
         own = _draw_covariance(self.rng, self.rng.random() < self.world.weak)
         scale = _TAIL if self.rng.random() < _TAIL_SHARE else _BULK
+        if self.world.converged:
+            own, scale = CONVERGED, 1.0
         off = difference(truth, prior.mean, centroid) + scale * self.rng.multivariate_normal(np.zeros(6), own)
         gain = prior.covariance @ np.linalg.inv(prior.covariance + own)
         found = gain @ off

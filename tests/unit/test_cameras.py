@@ -179,7 +179,10 @@ async def test_one_confident_wrong_session_does_not_carry_the_camera_away(robot:
     doubted = await robot.create()
     assert misplacement(doubted) < 0.015
     assert misplacement(doubted) < 4 * doubted.estimate.expected_error + 1e-3, "no confident wrong prior"
-    assert [each.code for each in doubted.warnings] == ["camera-suspected"]
+    assert (await robot.told(wrong.id)).data["drift"] == {"state": "suspected", "since": wrong.id}
+    assert (await robot.told(wrong.id)).data["warnings"] == []
+    assert doubted.warnings == ()
+    assert robot.count("camera_alarms", state="suspected") == 0
     robot.loop.error = ERROR
     for _ in range(3):
         await robot.run()

@@ -31,6 +31,8 @@ WRONG = (Prior(translation_std=0.007, rotation_std=0.025), Prior(translation_std
 
 KNOCK = 1 / 50
 """Chance that the camera is knocked between two sessions."""
+MOVED = 0.3
+"""Probability from which a knock is told: chosen by the rate of false alarms."""
 PUSHED = 0.7
 """Share of the knocks that push it only a little."""
 PUSH_TRANSLATION, PUSH_ROTATION = 0.008, np.radians(1.2)

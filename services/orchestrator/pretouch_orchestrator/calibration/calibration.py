@@ -54,6 +54,8 @@ class Calibration:
         drift: whether the camera has moved against its calibration.
         rejected: by session that does not count, why.
         count: number of sessions that count.
+        widening: factor, at least 1, of the covariance of a prediction: for a residual that is itself uncertain, and
+            for sessions that surprised by more than was predicted.
         base_T_fixed: the declared pose of all sessions that count if it is one and the same in two or more, else None.
     """
 
@@ -64,6 +66,7 @@ class Calibration:
     drift: Drift = Drift(DriftState.STEADY)
     rejected: Mapping[str, str] = field(default_factory=dict)
     count: int = 0
+    widening: float = 1.0
     base_T_fixed: Pose | None = None
 
     @property
@@ -97,9 +100,8 @@ class Calibration:
         sides = self._sides()
         mean = sides.correction(base_T_camera)
         jacobian = sides.jacobian(base_T_camera, point)
-        covariance = jacobian @ self.covariance @ jacobian.T + in_base(
-            self.residual, sides.correct(base_T_camera).rotation
-        )
+        residual = in_base(self.residual, sides.correct(base_T_camera).rotation)
+        covariance = self.widening * (jacobian @ self.covariance @ jacobian.T + residual)
         off = difference(mean, Pose.identity(), point)
         widths = np.trace(np.linalg.solve(Prior().covariance, covariance)) / 6
         if widths >= 1 or np.linalg.norm(off[:3]) > MAX_TURN or np.linalg.norm(off[3:]) > MAX_SHIFT:

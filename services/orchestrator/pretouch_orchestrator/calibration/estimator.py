@@ -11,16 +11,17 @@ from pretouch_orchestrator.calibration import assumptions
 from pretouch_orchestrator.calibration.calibration import Calibration, Drift, DriftState
 from pretouch_orchestrator.calibration.model import Sides
 from pretouch_orchestrator.calibration.observation import Measurement, Observation, difference, remove_prior
-from pretouch_orchestrator.calibration.regimes import Reading, Regime, filter_regimes, mix
+from pretouch_orchestrator.calibration.regimes import Course, Reading, Regime, filter_regimes, mix
 from pretouch_orchestrator.calibration.residual import estimate_residual
+from pretouch_orchestrator.calibration.widening import widen
 
 _PASSES = 3
 _SETTLED = 1e-2
 """rad or m: a change of the sides by less leaves no error of linearisation worth another pass."""
 _RECENT = 8
 """Sessions after a knock until the camera counts as steady again."""
-_MOVED, _SUSPECTED = 0.6, 0.3
-"""Probabilities from which a knock is told, and a session that disagrees."""
+_SUSPECTED = 0.3
+"""Probability from which it is told that a session disagrees."""
 _WRONG = 0.5
 
 
@@ -38,7 +39,8 @@ def estimate_calibration(observations: Sequence[Observation]) -> Calibration:
     sides = _start([seen for seen, _ in told])
     for _ in range(_PASSES):
         readings = [_read(sides, seen, own) for seen, own in told]
-        regimes = filter_regimes(readings, sides.change_to_nothing(), _prior_covariance())
+        course = filter_regimes(readings, sides.change_to_nothing(), _prior_covariance())
+        regimes = course.regimes
         mean, covariance = _mix(regimes)
         sides = sides.changed(mean)
         if np.abs(mean).max() < _SETTLED:
@@ -51,8 +53,9 @@ def estimate_calibration(observations: Sequence[Observation]) -> Calibration:
         base_T_base=sides.base_T_base,
         covariance=moves @ covariance @ moves.T,
         residual=_residual(readings, mean, covariance, regimes),
-        drift=_judge(seen, regimes),
+        drift=_judge(seen, course),
         rejected=rejected | _explain(seen, main, sides),
+        widening=widen([one for one in course.surprises[main.start + 1 :] if one is not None]),
         count=sum(right >= _WRONG for right in main.right),
         base_T_fixed=main.pose if len(main.right) >= assumptions.FIXED_SESSIONS else None,
     )
@@ -103,14 +106,12 @@ def _residual(readings: list[Reading], mean: Array, covariance: Array, regimes: 
     return estimate_residual(counted, covariance, np.diag([rotation] * 3 + [translation] * 3))
 
 
-def _judge(seen: list[Observation], regimes: list[Regime]) -> Drift:
-    """Moved: a regime of two or more sessions began lately, after two or more others. Suspected: the last one
-    disagrees."""
+def _judge(seen: list[Observation], course: Course) -> Drift:
+    """Moved: a knock was told lately. Suspected: the last session disagrees."""
     last = len(seen) - 1
-    began = [regime for regime in regimes if max(2, last - _RECENT + 1) <= regime.start < last]
-    if sum(regime.probability for regime in began) >= _MOVED:
-        return Drift(DriftState.MOVED, seen[began[0].start].session_id)
-    agrees = sum(regime.probability * regime.right[-1] for regime in regimes if regime.start < last)
+    if course.knocked is not None and last - course.knocked < _RECENT:
+        return Drift(DriftState.MOVED, seen[course.knocked].session_id)
+    agrees = sum(regime.probability * regime.right[-1] for regime in course.regimes if regime.start < last)
     if last > 0 and 1 - agrees >= _SUSPECTED:
         return Drift(DriftState.SUSPECTED, seen[last].session_id)
     return Drift(DriftState.STEADY)

@@ -16,8 +16,10 @@ import numpy as np
 from pretouch.geometry import Array, Pose, vector_from_rotation
 from pretouch_orchestrator.calibration import assumptions
 
-_MAX_REGIMES = 8
-_MIN_WEIGHT = 1e-4
+_MAX_REGIMES = 5
+_MIN_WEIGHT = 1e-3
+_SETTLED = 2
+"""Sessions that must be known of a state before a knock can end it."""
 
 _ROTATIONS, _TRANSLATIONS = (
     grid.ravel() for grid in np.meshgrid(assumptions.ROTATION_STDS, assumptions.TRANSLATION_STDS, indexing="ij")
@@ -102,8 +104,26 @@ def is_same_place(a: Pose, b: Pose) -> bool:
     return moved <= assumptions.SAME_POSITION and turned <= assumptions.SAME_ROTATION
 
 
-def filter_regimes(readings: list[Reading], mean: Array, covariance: Array) -> list[Regime]:
-    """The possible beginnings of the present state, the most probable first.
+class Course(NamedTuple):
+    """What the filter found along the sessions.
+
+    Attributes:
+        regimes: the possible beginnings of the present state, the most probable first.
+        knocked: number of the reading with which the last knock that was told began, None if there was none.
+        surprises: by reading, the squared innovation under what the readings before predicted, by its expectation: near
+            1 if they predict as well as they state. None where nothing was predicted.
+    """
+
+    regimes: list[Regime]
+    knocked: int | None
+    surprises: tuple[float | None, ...]
+
+
+def filter_regimes(readings: list[Reading], mean: Array, covariance: Array) -> Course:
+    """Follows the camera's state along the sessions.
+
+    A knock is told as soon as two sessions or more say so, after two others: where the probability that the present
+    state began with one of them reaches `assumptions.MOVED`. What was known before counts no longer then.
 
     Args:
         readings: of the sessions, in order; at least one.
@@ -111,11 +131,36 @@ def filter_regimes(readings: list[Reading], mean: Array, covariance: Array) -> l
         covariance: (12, 12), its.
     """
     regimes: list[_Regime] = []
+    knocked: int | None = None
+    surprises = []
     for k, reading in enumerate(readings):
+        surprises.append(_surprise(regimes, reading))
         regimes += _begin(k, regimes, reading, (mean, covariance))
         _update(regimes, reading)
         regimes = _prune(regimes)
-    return [_summarise(regime) for regime in regimes]
+        late = [regime for regime in regimes if (knocked or 0) + _SETTLED <= regime.start < k]
+        if sum(np.exp(regime.weight()) for regime in late) >= assumptions.MOVED:
+            knocked = late[0].start
+            regimes = _prune([regime for regime in regimes if regime.start >= knocked])
+    return Course([_summarise(regime) for regime in regimes], knocked, tuple(surprises))
+
+
+def _surprise(regimes: list[_Regime], reading: Reading) -> float | None:
+    """See `Course.surprises`."""
+    if not regimes:
+        return None
+    each = [_summarise(regime) for regime in regimes]
+    weights = np.array([[one.probability] for one in each])
+    means, covariances = (np.stack([getattr(one, name) for one in each]) for name in ("mean", "covariance"))
+    mean, covariance = mix(weights, means[:, None], covariances[:, None])
+    rotation, translation = (
+        np.average([getattr(one, name) for one in each], weights=weights[:, 0])
+        for name in ("rotation_variance", "translation_variance")
+    )
+    residual = (reading.rows * np.repeat([rotation, translation], 3)) @ reading.rows.T
+    expected = reading.jacobian @ covariance[0] @ reading.jacobian.T + residual + np.diag(reading.variances)
+    innovation = reading.values - reading.jacobian @ mean[0]
+    return float(innovation @ np.linalg.solve(expected, innovation)) / len(innovation)
 
 
 def _begin(k: int, regimes: list[_Regime], reading: Reading, prior: tuple[Array, Array]) -> list[_Regime]:

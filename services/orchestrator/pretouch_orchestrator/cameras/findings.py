@@ -128,7 +128,7 @@ def summarize(camera_id: str, sessions: int, calibration: Calibration) -> Camera
 
 
 def warn_of_drift(camera_id: str, drift: CalibrationDrift) -> list[SessionWarning]:
-    """That the camera is not where it was, or may not be; nothing if it is steady."""
+    """That the camera is not where it was; a session that merely disagrees is told by the state, not by a warning."""
     if drift.state == "moved":
         detail = (
             f"From session {drift.since} on the camera {camera_id} is not where the sessions before found it: it was "
@@ -136,12 +136,6 @@ def warn_of_drift(camera_id: str, drift: CalibrationDrift) -> list[SessionWarnin
         )
         remedy = f"{_KNOCKED} If it was moved on purpose, nothing need be done: the next sessions learn it anew."
         return [SessionWarning("camera-moved", detail, remedy)]
-    if drift.state == "suspected":
-        detail = (
-            f"Session {drift.since} found the camera {camera_id} elsewhere than the sessions before. If another one "
-            "agrees with it, the camera has moved."
-        )
-        return [SessionWarning("camera-suspected", detail, _KNOCKED)]
     return []
 
 

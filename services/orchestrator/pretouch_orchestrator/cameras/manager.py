@@ -70,7 +70,7 @@ class Cameras:
             "camera_sessions", "Sessions that named a camera and came to an end.", ("state", "counts")
         )
         self._alarms = metrics.counter(
-            "camera_alarms", "Sessions after which a camera was suspected, or found, to have moved.", ("state",)
+            "camera_alarms", "Sessions after which a camera was found to have moved.", ("state",)
         )
 
     async def recall(self, owner: str, camera_id: str | None) -> Knowledge:
@@ -177,9 +177,9 @@ class Cameras:
 
     def _sound(self, camera_id: str, before: CalibrationDrift, after: CalibrationDrift) -> None:
         """The alarm, where the camera is no longer where it was."""
-        if after != before and after.state != "steady":
+        if after != before and after.state == "moved":
             self._alarms.labels(after.state).inc()
-            self._context.log.warning("a camera may have moved", camera=camera_id, drift=after.state, since=after.since)
+            self._context.log.warning("a camera has moved", camera=camera_id, since=after.since)
 
 
 def _estimate(entries: Sequence[CameraEntry]) -> Calibration:
