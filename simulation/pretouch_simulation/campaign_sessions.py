@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -83,29 +84,39 @@ def key_of(campaign: Campaign, protocol: Protocol, learns: bool) -> CampaignKey:
 
 
 def run_campaign(campaign: Campaign, protocol: Protocol, learns: bool) -> CampaignRun:
-    """Makes the campaign's sessions in turn. The camera is learned by the orchestrator's own code.
+    """Makes the campaign's sessions in turn.
 
     An error of pretouch's own is part of the result, and the campaign goes on with the next object; any other is
     raised.
     """
-    registrar, entries = Registrar(), list[CameraEntry]()
     rows, problems = list[Row](), dict[int, str]()
+    for position, made in enumerate(make_sessions(campaign, protocol, learns), start=1):
+        if isinstance(made, PretouchError):
+            problems[position] = f"{made.detail} {made.remedy}".strip()
+        else:
+            rows += made
+    return CampaignRun(key_of(campaign, protocol, learns), tuple(rows), problems)
+
+
+def make_sessions(campaign: Campaign, protocol: Protocol, learns: bool) -> Iterator[list[Row] | PretouchError]:
+    """The rows of each session in turn, or why it could not be made; the orchestrator's own code learns the camera."""
+    registrar, entries = Registrar(), list[CameraEntry]()
     for position in range(1, campaign.settings.objects + 1):
         try:
             case = campaign.case(position, protocol.camera)
             session = asyncio.run(_make_session(campaign, case, protocol, registrar, entries))
         except PretouchError as error:
-            problems[position] = f"{error.detail} {error.remedy}".strip()
+            yield error
             continue
         if learns:
             entry = observe(session.ended, float(position))
             entries += [] if entry.reason else [entry]
         drift = str(calibrate(entries).drift.state) if learns else None
-        rows += [
-            replace(row, campaign=campaign.number, position=position, knock=campaign.is_knocked(position), drift=drift)
+        knocked = campaign.is_knocked(position)
+        yield [
+            replace(row, campaign=campaign.number, position=position, knock=knocked, drift=drift)
             for row in _rows(case, protocol, session)
         ]
-    return CampaignRun(key_of(campaign, protocol, learns), tuple(rows), problems)
 
 
 async def _make_session(

@@ -103,8 +103,9 @@ def draw_offset_about(centroid: Array, rng: np.random.Generator, size: float = 1
 
 
 def _draw(rng: np.random.Generator, size: float = 1.0) -> tuple[Array, Array]:
-    """Roll, pitch, yaw uniform in +-5 deg (extrinsic xyz, base axes), (3, 3), and a shift (3,) of uniform +-2 cm; `size`
-    times as large.
+    """Roll, pitch, yaw uniform in +-5 deg (extrinsic xyz, base axes), (3, 3), and a shift (3,) of uniform +-2 cm.
+
+    Both are `size` times as large.
     """
     roll, pitch, yaw = size * rng.uniform(-OFFSET_ROTATION, OFFSET_ROTATION, 3)
     shift = size * rng.uniform(-OFFSET_TRANSLATION, OFFSET_TRANSLATION, 3)
