@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
+from helpers.made_frame import write_mesh
 from pretouch_registrar.engines import Engine
 from pretouch_simulation import campaign_command
 from pretouch_simulation.campaign_sessions import CampaignKey, CampaignRun, run_campaign
@@ -35,9 +36,7 @@ ROW = Row(
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("meshes")
     for name, mesh in (("box", box()), ("can", can())):
-        lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices]
-        lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-        (made / f"{name}.obj").write_text("\n".join(lines))
+        write_mesh(made / f"{name}.obj", mesh)
     return made
 
 

@@ -1,10 +1,12 @@
 """A campaign's hidden errors: as large as a single session's, shared by all of its objects, knocked as stated."""
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.made_frame import write_mesh
 from pretouch_simulation.campaign_world import HEADING, Campaign, CampaignSettings, Change, campaigns
 from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.finger import FingerModel
@@ -23,9 +25,7 @@ AHEAD = np.array([0.0, 0.0, float(np.mean(CAMERA_DISTANCE))])
 def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("meshes")
     for name, mesh in (("box", box()), ("can", can())):
-        lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices]
-        lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-        (folder / f"{name}.obj").write_text("\n".join(lines))
+        write_mesh(folder / f"{name}.obj", mesh)
     return sorted(folder.iterdir())
 
 
@@ -93,7 +93,7 @@ def test_a_knock_moves_the_camera_by_its_size_from_its_position_on(meshes: list[
 def test_a_drift_goes_on_from_object_to_object(meshes: list[Path]) -> None:
     campaign = Campaign(replace(SAME, drift=Change(0.001, 0.001)), tuple(meshes), 0, seed=0)
     sides = [campaign.camera_side(position) for position in (1, 2, 3)]
-    steps = [a.inverse() @ b for a, b in zip(sides, sides[1:], strict=False)]
+    steps = [a.inverse() @ b for a, b in itertools.pairwise(sides)]
     assert sides[0].is_close(campaign.sides[0])
     assert all(0 < np.linalg.norm(step.apply(AHEAD) - AHEAD) < 0.006 for step in steps)
     assert not steps[0].is_close(steps[1])
@@ -109,7 +109,8 @@ def test_a_campaign_is_fixed_by_its_seed_and_number(meshes: list[Path]) -> None:
 
 def test_a_campaign_has_one_finger_and_goes_through_the_meshes_again(meshes: list[Path]) -> None:
     campaign = Campaign(SAME, tuple(meshes), 0, seed=0)
-    assert campaign.finger(FingerModel.RANDOM).sensor == campaign.finger(FingerModel.RANDOM).sensor
+    one, again = (campaign.finger(FingerModel.RANDOM).sensor for _ in range(2))
+    assert (one.range_std, one.beam_half_angle) == (again.range_std, again.beam_half_angle)
     assert {path.stem for path in campaign.paths[:2]} == {"box", "can"}
     assert campaign.paths[2] == campaign.paths[0]
 
