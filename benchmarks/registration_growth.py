@@ -53,7 +53,7 @@ def _pcl(source: Array, target: Array, _: Array) -> None:
 
 def _point_to_plane(source: Array, target: Array, normals: Array) -> None:
     planes = point_to_plane.make_planes(target, normals)
-    prior = np.linalg.inv(Prior().covariance)
+    prior = np.asarray(np.linalg.inv(Prior().covariance), dtype=np.float64)
     point_to_plane.match(source, np.ones(len(source)), planes, np.zeros(3), prior, _PLANE_NOISE, np.zeros(6))
 
 

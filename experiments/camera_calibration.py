@@ -77,7 +77,7 @@ def run_worlds(arguments: argparse.Namespace) -> None:
     """Writes the rows after each world."""
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
-    tasks = [(name, world, None, SESSIONS) for name, world in worlds()]
+    tasks: list[tuple[str, World, Knock | None, int]] = [(name, world, None, SESSIONS) for name, world in worlds()]
     tasks += [(name, World(moving=True), knock, KNOCKED_AT + AFTER) for name, knock in KNOCKS.items()]
     with ProcessPoolExecutor(arguments.workers) as pool:
         for name, world, knock, sessions in tasks:

@@ -1,23 +1,21 @@
 """Forecasts of sessions against what became of them; fits the forecast's coefficients.
 
-    python -m experiments.forecast --split train --sessions 150 --fit
-    python -m experiments.forecast --split validation --sessions 100 --seed 1 [--out docs/results]
+    python -m experiments.forecast --split train --sessions 40 --fit [--world NAME]
+    python -m experiments.forecast --split validation --sessions 40 --seed 1 [--world NAME] [--out docs/results]
 
-Each session is of another view of the split's meshes, in the worlds `random random`, with tolerance, budget and points
-drawn for it (`draw_request`); its robot finishes its scans. With `--fit` all have the strictest tolerance and the
-largest budget, and are cut to the others (`experiments.forecast_fit`). Sessions are kept in
-forecast-SPLIT.partial.jsonl of the folder `--out`, so that the same command goes on after an interruption. `--fit`
-prints coefficients for pretouch_orchestrator.sessions.forecast; without it forecast.json, forecast.md and forecast.png
-are written.
+Each session is of another view of the split's meshes, in the world `random random` unless another is named, with
+tolerance, budget and points drawn for it (`draw_request`); its robot finishes its scans. With `--fit` all have the
+strictest tolerance and the largest budget, and are cut to the others (`experiments.forecast_fit`). Sessions are kept in
+forecast-SPLIT-WORLD.jsonl of the folder `--out`, so that the same command goes on after an interruption. `--fit` prints
+coefficients for pretouch_orchestrator.sessions.forecast from the sessions of all worlds there; without it forecast.md
+and forecast.png are written of them.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +26,9 @@ from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_registrar.engines import Engine
 from pretouch_registrar.registration import Registrar
-from pretouch_simulation.depth_cameras import CameraModel
 from pretouch_simulation.evaluation import warm_up
 from pretouch_simulation.evaluation_protocol import Protocol, finger_of, loop_of, request_of
 from pretouch_simulation.evaluation_tasks import MeshTask
-from pretouch_simulation.finger import FingerModel
 from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.partial_rows import PartialRows
 from pretouch_simulation.protocol import Case, generator
@@ -41,68 +37,26 @@ from pretouch_simulation.split import Split
 from pretouch_simulation.workers import run_in_workers
 from rich.console import Console
 
+from experiments.axis import WORLDS
 from experiments.command_line import command_of, run_resumable
 from experiments.folders import SHARED
+from experiments.forecast_course import Course
 from experiments.forecast_fit import SCANS, SECONDS, TOLERANCES, fit_coefficients
 from experiments.forecast_report import write_report
 from pretouch.errors import PretouchError
-from pretouch.session import Budget, Forecast, Planner, SessionRequest, State, Tolerance
+from pretouch.session import Budget, Planner, SessionRequest, Tolerance
 
 
-@dataclass(frozen=True)
-class Row:
-    """A session, from each of its states that awaited a scan.
-
-    Attributes:
-        mesh, view: which one; the view is its number in the experiment.
-        tolerance: m.
-        features: (s, 9) of each state.
-        rest: (s, 2) scans and robot seconds that the budget has left in each state.
-        spent: (s,) robot seconds spent before each state.
-        durations: (s,) s, of the scan that each state awaited.
-        quantiles: (s + 1,) m, of the error at the tolerance's confidence, in each state and at the end.
-        explained: (s + 1,) whether the estimate explained the samples.
-        seconds: robot seconds of the whole session.
-        state, reason: how it ended.
-        error: m, the true error at the end, at the points where it counts.
-    """
-
-    mesh: str
-    view: int
-    tolerance: float
-    features: list[list[float]]
-    rest: list[tuple[int, float]]
-    spent: list[float]
-    durations: list[float]
-    quantiles: list[float]
-    explained: list[bool]
-    seconds: float
-    state: str
-    reason: str
-    error: float
-
-    @property
-    def forecasts(self) -> list[Forecast]:
-        """By the coefficients that there are now."""
-        return [
-            forecast.compute_forecast(forecast.Features(*features), *rest)
-            for features, rest in zip(self.features, self.rest, strict=True)
-        ]
-
-    @property
-    def converged(self) -> bool:
-        return self.state == State.CONVERGED.value
-
-
-def protocol_of(seed: int) -> Protocol:
+def protocol_of(world: str, seed: int) -> Protocol:
+    camera, finger = WORLDS[world]
     return Protocol(
         10,
         None,
         Engine.POSTERIOR,
         Planner.INFORMATION,
-        FingerModel.RANDOM,
+        finger,
         seed,
-        camera=CameraModel.RANDOM,
+        camera=camera,
         tolerance=Tolerance().error,
     )
 
@@ -144,9 +98,9 @@ async def run_session(case: Case, request: SessionRequest, protocol: Protocol, r
     return records
 
 
-def run_view(path: Path, view: int, seed: int, drawn: bool) -> dict[str, Any] | None:
+def run_view(path: Path, view: int, world: str, seed: int, drawn: bool) -> dict[str, Any] | None:
     """A session as a row; None where the object cannot be seen or the services refuse it."""
-    protocol = protocol_of(seed)
+    protocol = protocol_of(world, seed)
     try:
         case = MeshTask(path, view).case(seed, protocol.camera)
         records = asyncio.run(run_session(case, draw_request(case, protocol, drawn), protocol, Registrar()))
@@ -156,7 +110,8 @@ def run_view(path: Path, view: int, seed: int, drawn: bool) -> dict[str, Any] | 
     at = last.request.tolerance.at
     points = case.cloud if at is None else at
     moved = last.estimate.base_T_correction.apply(points)
-    row = Row(
+    row = Course(
+        world=world,
         mesh=path.stem,
         view=view,
         tolerance=last.request.tolerance.error,
@@ -175,40 +130,43 @@ def run_view(path: Path, view: int, seed: int, drawn: bool) -> dict[str, Any] | 
 
 
 def prepare() -> None:
-    warm_up([protocol_of(0)])
+    warm_up([protocol_of(world, 0) for world in WORLDS])
 
 
 def run(arguments: argparse.Namespace) -> None:
-    settings = {"split": arguments.split.value, "seed": arguments.seed, "fit": arguments.fit}
-    kept = PartialRows(arguments.out / f"forecast-{arguments.split.value}.partial.jsonl", settings)
+    kept = rows_of(arguments, arguments.world)
     paths = meshes_in(arguments.meshes, split=arguments.split)
     known = {(row["mesh"], row["view"]) for row in kept.rows}
     tasks = [(paths[k % len(paths)], k) for k in range(arguments.sessions)]
-    missing = [task for task in tasks if (task[0].stem, task[1]) not in known]
+    calls = [
+        (*task, arguments.world, arguments.seed, not arguments.fit)
+        for task in tasks
+        if (task[0].stem, task[1]) not in known
+    ]
     console = Console(stderr=True)
-    for row in run_in_workers(
-        run_view, [(*task, arguments.seed, not arguments.fit) for task in missing], arguments.workers or 1, prepare
-    ):
+    for row in run_in_workers(run_view, calls, arguments.workers or 1, prepare):
         if row is not None:
             kept.add(row)
             console.print(f"{len(kept.rows)}: {row['mesh']} {row['state']} {row['reason']}")
-    report([Row(**row) for row in kept.rows], arguments)
-
-
-def report(rows: Sequence[Row], arguments: argparse.Namespace) -> None:
+    rows = [Course(**row) for world in WORLDS for row in rows_of(arguments, world).rows]
     if arguments.fit:
         print(fit_coefficients(rows))
-        return
-    command = command_of("forecast")
-    content = {"command": command, "seed": arguments.seed, "rows": [asdict(row) for row in rows]}
-    (arguments.out / "forecast.json").write_text(json.dumps(content) + "\n")
-    write_report(rows, command, arguments.out)
+    else:
+        by_world = {world: [row for row in rows if row.world == world] for world in reversed(WORLDS)}
+        write_report(by_world, command_of("forecast"), arguments.out)
+
+
+def rows_of(arguments: argparse.Namespace, world: str) -> PartialRows:
+    """The sessions in that world so far."""
+    settings = {"split": arguments.split.value, "seed": arguments.seed, "fit": arguments.fit, "world": world}
+    return PartialRows(arguments.out / f"forecast-{arguments.split}-{world.replace(' ', '-')}.jsonl", settings)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--meshes", type=Path, default=SHARED / "data" / "meshes" / "train")
     parser.add_argument("--split", type=Split, choices=list(Split), default=Split.VALIDATION)
+    parser.add_argument("--world", choices=list(WORLDS), default="random random")
     parser.add_argument("--sessions", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--fit", action="store_true", help="fit coefficients instead of reporting")

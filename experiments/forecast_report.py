@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from pretouch_simulation.markdown import markdown_table
 from scipy.stats import beta
 
+from experiments.forecast_course import Course
 from pretouch.geometry import Array
-from pretouch.session import Forecast
 
 _BINS = 5
-
-
-class Course(Protocol):
-    """What is shown of a session: see `experiments.forecast.Row`."""
-
-    spent: list[float]
-    seconds: float
-
-    @property
-    def forecasts(self) -> list[Forecast]: ...
-
-    @property
-    def converged(self) -> bool: ...
 
 
 class States(NamedTuple):
@@ -58,20 +46,25 @@ def binomial_interval(successes: int, n: int) -> tuple[float, float]:
     return low, high
 
 
-def write_report(courses: Sequence[Course], command: str, out: Path) -> None:
+def write_report(by_world: Mapping[str, Sequence[Course]], command: str, out: Path) -> None:
     """Writes forecast.md and forecast.png into the folder `out`."""
-    stages = {"at creation": collect_states(courses, 0), "after one scan": collect_states(courses, 1)}
-    stages = {name: states for name, states in stages.items() if len(states.scans)}
-    (out / "forecast.md").write_text(_write_page(courses, stages, command))
+    stages = {
+        f"{world}, {name}": states
+        for world, courses in by_world.items()
+        for scans, name in enumerate(("at creation", "after one scan"))
+        if len((states := collect_states(courses, scans)).scans)
+    }
+    counts = ", ".join(f"{len(courses)} in `{world}`" for world, courses in by_world.items() if courses)
+    (out / "forecast.md").write_text(_write_page(counts, stages, command))
     _draw(stages, out / "forecast.png")
 
 
-def _group(stated: Array) -> list[Array]:
+def _group(stated: Array) -> list[NDArray[np.intp]]:
     """Indices of groups of equally many states, in the order of what was stated."""
     return [group for group in np.array_split(np.argsort(stated, kind="stable"), _BINS) if len(group)]
 
 
-def _write_page(courses: Sequence[Course], stages: dict[str, States], command: str) -> str:
+def _write_page(counts: str, stages: dict[str, States], command: str) -> str:
     chances, efforts, scores = [], [], []
     for name, states in stages.items():
         stated = states.stated[:, 2]
@@ -97,11 +90,11 @@ def _write_page(courses: Sequence[Course], stages: dict[str, States], command: s
     return "\n".join(
         [
             "# What sessions are forecast to take\n",
-            f"Made by `{command}`: {len(courses)} sessions on views of the split's meshes in the simulated worlds "
-            "`random random`; tolerances of 2, 3, 5, 8 or 12 mm, budgets of 2, 4 or 10 scans and 15, 40 or 120 robot "
-            "seconds, a quarter of them with one visible point as `tolerance.at`; robots that finish their scans. The "
-            "coefficients were fitted to other sessions, on the training side of the meshes. Groups are of equally "
-            "many sessions by what was stated; intervals are of 95 %.\n",
+            f"Made by `{command}` and the same in the other world: sessions on views of the split's meshes, {counts}, "
+            "which are simulated; tolerances of 2, 3, 5, 8 or 12 mm, budgets of 2, 4 or 10 scans and 15, 40 or 120 "
+            "robot seconds, a quarter of them with one visible point as `tolerance.at`; robots that finish their "
+            "scans. The coefficients were fitted to other sessions, on the training side of the meshes. Groups are of "
+            "equally many sessions by what was stated; intervals are of 95 %.\n",
             "![Chance, scans and seconds stated against what became of them](forecast.png)\n",
             "Brier score: mean squared difference of the chance and the outcome; that of the overall share is what a "
             "forecast without any knowledge of the session would reach.\n",
@@ -119,7 +112,7 @@ def _write_page(courses: Sequence[Course], stages: dict[str, States], command: s
 def _draw(stages: dict[str, States], path: Path) -> None:
     figure = Figure(figsize=(12, 4), layout="constrained")
     chance, scans, seconds = figure.subplots(1, 3)
-    for (name, states), colour in zip(stages.items(), ("#1b9e77", "#d95f02"), strict=False):
+    for (name, states), colour in zip(stages.items(), ("#1b9e77", "#d95f02", "#7570b3", "#e7298a"), strict=False):
         stated = states.stated[:, 2]
         groups = _group(stated)
         shares = [states.converged[group].mean() for group in groups]
@@ -143,5 +136,5 @@ def _draw(stages: dict[str, States], path: Path) -> None:
         axes.plot([0, limit], [0, limit], color="black", linewidth=0.8)
         axes.set(xlabel=f"{what} stated", ylabel=f"{what} needed")
     for axes in (chance, scans, seconds):
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=7, loc="lower right")
     figure.savefig(path, dpi=110)

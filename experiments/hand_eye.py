@@ -40,7 +40,7 @@ class Track:
         places = np.stack([np.interp(times, self.times, axis) for axis in self.positions.T], axis=1)
         return Track(times, Slerp(self.times, self.rotations)(times), places)
 
-    def part(self, chosen: Array) -> Track:
+    def part(self, chosen: NDArray[np.intp]) -> Track:
         return Track(self.times[chosen], self.rotations[chosen], self.positions[chosen])
 
     def inverse(self) -> Track:

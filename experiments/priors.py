@@ -6,7 +6,7 @@ One view of each mesh, camera `random`, fingers `ideal` and `random`, tolerance 
 
 - `default`: no prior is given.
 - `3mm`: 3 mm and 0.6 deg along every axis.
-- `plane`: 1 mm and 3 deg in the table's plane, 2 cm along its normal and 0.6 deg about the others.
+- `plane`: 1 mm and 3 deg in the table's plane, 1 cm along its normal and 0.6 deg about the others.
 - `wrong`: states the same as `3mm`, but its mean is 20 mm off in a random direction of the table's plane.
 
 Writes priors.json, a row for each session, and priors.md.
@@ -40,7 +40,7 @@ from pretouch.session import Planner, Proposer
 TOLERANCE = 0.003
 _STDS = {
     "3mm": np.array([*np.radians([0.6, 0.6, 0.6]), 0.003, 0.003, 0.003]),
-    "plane": np.array([*np.radians([0.6, 0.6, 3.0]), 0.001, 0.001, 0.02]),
+    "plane": np.array([*np.radians([0.6, 0.6, 3.0]), 0.001, 0.001, 0.01]),
 }
 _STDS["wrong"] = _STDS["3mm"]
 KINDS = ("default", *_STDS)

@@ -23,13 +23,13 @@ from pretouch.scan_prediction import Candidate
 from pretouch.scene import Scene
 from pretouch.session import SampleChunk, ScanPlan, Session, SessionRequest
 from pretouch.tof import RangeSamples, Scan
-from pretouch.v1 import common_pb2, detector_pb2, registrar_pb2, sensor_gateway_pb2
+from pretouch.v1 import calibrated_camera_pb2, common_pb2, detector_pb2, registrar_pb2, sensor_gateway_pb2
 from pretouch.v1 import orchestrator_pb2 as pb
 from pretouch.wire import common
 from pretouch.wire.scan_prediction import candidate_to_proto
 from pretouch.wire.session import request_to_proto, submission_to_proto, telling_to_proto
 
-DEVICE = "finger"
+DEVICE, CAMERA = "finger", "head"
 FINGER = ThinBeam()
 _EVERY = 3
 """Pixels of the simulated image that one of the request's stands for."""
@@ -47,7 +47,7 @@ def case() -> Case:
 def small_request() -> tuple[SessionRequest, NDArray[np.float32], NDArray[np.uint8]]:
     """What a robot asks for, its depth image (h, w) in metres and its mask, with a few thousand pixels."""
     full = request_for(case(), FINGER.sensor)
-    asked = SessionRequest(_small_camera(), full.base_T_camera, depth_scale=1.0, sensor=full.sensor)
+    asked = SessionRequest(_small_camera(), full.base_T_camera, depth_scale=1.0, sensor=full.sensor, camera_id=CAMERA)
     depth = np.ascontiguousarray(case().depth.metres[::_EVERY, ::_EVERY], dtype=np.float32)
     return asked, depth, np.where(case().mask[::_EVERY, ::_EVERY], np.uint8(255), np.uint8(0))
 
@@ -145,6 +145,9 @@ def good_requests(sessions: OpenSession) -> dict[str, Callable[[], list[Message]
         orchestrator + "CreateSession": lambda: [create()],
         orchestrator + "GetSession": lambda: [pb.GetSessionRequest(session_id=plan()[0].id)],
         orchestrator + "ListSessions": lambda: [pb.ListSessionsRequest(limit=2)],
+        orchestrator + "ListCameras": lambda: [calibrated_camera_pb2.ListCamerasRequest()],
+        orchestrator + "GetCamera": lambda: [calibrated_camera_pb2.GetCameraRequest(camera_id=CAMERA)],
+        orchestrator + "ForgetCamera": lambda: [calibrated_camera_pb2.ForgetCameraRequest(camera_id=CAMERA)],
         orchestrator + "SubmitScan": lambda: [submit()],
         orchestrator + "TellSamples": lambda: [tell()],
         orchestrator + "CancelSession": lambda: [pb.CancelSessionRequest(session_id=plan()[0].id)],

@@ -26,7 +26,7 @@ def make_blueprint() -> Blueprint:
 
     begin, now = views.TimeRangeBoundary.infinite(), views.TimeRangeBoundary.cursor_relative()
     so_far = rerun.VisibleTimeRange("message_log_time", start=begin, end=now)
-    overrides: dict[str, Any] = {topic: [rerun.Points3D.from_fields(colors=[rgb])] for topic, rgb in CLOUDS.items()}
+    overrides: dict[Any, Any] = {topic: [rerun.Points3D.from_fields(colors=[rgb])] for topic, rgb in CLOUDS.items()}
     for topic in _KEPT:
         overrides[topic].append(views.VisibleTimeRanges(so_far))
     scene = views.Spatial3DView(

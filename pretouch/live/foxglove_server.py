@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Self
 
 import foxglove
+from foxglove.websocket import ServerListener
 
 from pretouch.errors import Unavailable
 from pretouch.live.feed import Update
@@ -81,7 +82,7 @@ class FoxgloveServer:
             self._channels[key].log(message.data, log_time=message.time)
 
 
-class _Listener(foxglove.ServerListener):
+class _Listener(ServerListener):
     """Notes, in the server's own thread, that a viewer has subscribed."""
 
     def __init__(self) -> None:

@@ -5,13 +5,18 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
 
-@cache
 def describe_schema(message: type[Message]) -> bytes:
     """The schema of a message as MCAP requires it: a FileDescriptorSet of its file and all that this imports."""
+    return _describe_file(message.DESCRIPTOR.file)
+
+
+@cache
+def _describe_file(described: FileDescriptor) -> bytes:
     files: dict[str, Any] = {}
 
     def add(file: Any) -> None:
@@ -20,8 +25,8 @@ def describe_schema(message: type[Message]) -> bytes:
                 add(imported)
             files[file.name] = file
 
-    add(message.DESCRIPTOR.file)
-    described = FileDescriptorSet()
+    add(described)
+    whole = FileDescriptorSet()
     for file in files.values():
-        file.CopyToProto(described.file.add())
-    return described.SerializeToString()
+        file.CopyToProto(whole.file.add())
+    return whole.SerializeToString()

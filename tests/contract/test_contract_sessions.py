@@ -13,9 +13,9 @@ from helpers.processes import Orchestrator
 
 from pretouch.client import GrpcClient, RestClient, drive, drive_async
 from pretouch.errors import Conflict, InvalidInput, NotFound, Unauthenticated
-from pretouch.estimate import Prior, point_error
+from pretouch.estimate import point_error
 from pretouch.geometry import Pose
-from pretouch.prior import PosePrior
+from pretouch.prior import PosePrior, Prior
 from pretouch.session import (
     Budget,
     GatewaySpan,
@@ -129,8 +129,9 @@ async def test_a_cancelled_session_stays_cancelled(client: Any) -> None:
 
 
 async def test_the_error_counts_at_the_points_of_the_tolerance(client: Any) -> None:
-    middle, prior, budget = np.array([[0.0, 0.0, 0.025]]), Prior(0.001, 0.1), Budget(**ROOMY)
+    prior, budget = Prior(0.001, 0.1), Budget(**ROOMY)
     whole = await client.create_session(request(budget=budget, prior=prior), DEPTH, MASK)
+    middle = whole.estimate.centroid[None]
     tolerance = Tolerance(error=0.0005, at=middle)
     session = await client.create_session(request(budget=budget, prior=prior, tolerance=tolerance), DEPTH, MASK)
     assert session.estimate.expected_error < 0.6 * whole.estimate.expected_error

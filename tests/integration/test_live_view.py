@@ -24,7 +24,7 @@ from pretouch.errors import InvalidInput, Unavailable
 from pretouch.live.feed import Feed
 from pretouch.serving import Settings
 from pretouch.serving.live_view import LiveView
-from pretouch.session import State
+from pretouch.session import Proposer, State
 
 
 def pretouch(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -168,7 +168,8 @@ def test_a_session_of_the_real_services_is_seen_recorded_and_replayed_to_the_bit
         url, _ = up.ready()
         eventually(lambda: bool(re.search(r"connection to ws://127\.0\.0\.1:\d+", up.log.read_text())))
         with RestClient(url, timeout=READY_WITHIN) as client:
-            session = client.create_session(box_session.request(proposer="random"), box_session.DEPTH, box_session.MASK)
+            asked = box_session.request(proposer=Proposer.RANDOM)
+            session = client.create_session(asked, box_session.DEPTH, box_session.MASK)
             while session.next_scan is not None and len(session.scans) < 2:
                 plan = session.next_scan
                 session = client.submit(session.id, plan.scan_id, box_session.measured(plan))

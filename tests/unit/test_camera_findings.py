@@ -34,6 +34,7 @@ from pretouch.session import State
 
 def test_a_session_that_converged_counts_with_what_it_found() -> None:
     record = converged(camera_record("one"))
+    record = replace(record, request=replace(record.request, prior=None))
     assert find_reason(record) == ""
     entry = observe(record, 5.0)
     found = entry.observation

@@ -101,7 +101,7 @@ def test_a_wide_beams_gradient_is_the_slope_of_its_energy(block: CameraModel, se
     slope = slopes(problem, x, 1e-6)
     _, gradient, energy = linearize(x, problem)
     assert energy == pytest.approx(compute_energy(x, problem), rel=1e-9)
-    assert np.linalg.norm(gradient / SCALE - slope) < 0.08 * np.linalg.norm(slope)
+    assert np.linalg.norm(gradient / SCALE - slope) < 0.12 * np.linalg.norm(slope)
 
 
 @settings(max_examples=30)

@@ -119,7 +119,11 @@ def test_no_text_steers_the_terminal(text: str) -> None:
     assert clean(clean(text)) == clean(text)
 
 
-def test_markup_and_control_characters_are_shown_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+def test_markup_and_control_characters_are_shown_as_they_are(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("COLUMNS", "FORCE_COLOR", "TTY_COMPATIBLE"):
+        monkeypatch.delenv(name, raising=False)
     name = "[bold red]x[/] :boom: \x1b[31m\n\x07"
     shown = "[bold red]x[/] :boom: \ufffd[31m"
     reason = {"type": "[b]", "detail": name, "remedy": name}

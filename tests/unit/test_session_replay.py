@@ -134,7 +134,7 @@ def test_scans_before_the_first_return_change_nothing(file: Path) -> None:
     blind = recorded.scans[0]
     nothing = type(blind)(blind.origins, blind.directions, np.full(len(blind), np.nan))
     changed = type(recorded)(
-        recorded.scene, recorded.scan_ids[:1], (nothing,), recorded.estimates[:1], recorded.settings
+        recorded.scene, recorded.scan_ids[:1], (nothing,), recorded.estimates[:1], recorded.settings, recorded.at
     )
     (only,) = replay(changed, recorded.settings, Registrar())
     assert estimate_to_json(only.estimate, None)["base_T_correction"]["translation"] == [0.0, 0.0, 0.0]

@@ -19,8 +19,9 @@ from pretouch_simulation.objects import MAKERS
 from pretouch_simulation.protocol import Case, make_case
 
 from pretouch.errors import InvalidInput, Malformed
-from pretouch.estimate import Estimate, Prior, from_prior, point_error
+from pretouch.estimate import Estimate, from_prior, point_error
 from pretouch.geometry import Array, Pose
+from pretouch.prior import Prior
 from pretouch.scene import Scene
 from pretouch.session import SessionRequest, State, Tolerance
 from pretouch.wire.json import request_from_json, request_to_json
@@ -74,7 +75,7 @@ def test_a_turn_about_the_points_does_not_count() -> None:
     middle = whole.scene.centroid[None]
     record = opened(loop, asked(prior=prior, tolerance=Tolerance(at=middle)))
     assert record.state is State.CONVERGED
-    assert record.estimate.expected_error == point_error(prior.covariance(), middle, middle[0])[0]
+    assert record.estimate.expected_error == point_error(prior.covariance, middle, middle[0])[0]
     np.testing.assert_array_equal(record.estimate.covariance, whole.estimate.covariance)
 
 
@@ -82,7 +83,7 @@ def test_another_confidence_is_that_at_the_points() -> None:
     prior = Prior(0.001, 0.1)
     loop = Loop(RandomDetector(), FormulaRegistrar(gain=1e-9))
     at = opened(loop, asked(prior=prior)).scene.centroid[None]
-    _, (limit,) = point_error(prior.covariance(), at, at[0], (0.6,))
+    _, (limit,) = point_error(prior.covariance, at, at[0], (0.6,))
     for factor, state in ((1.001, State.CONVERGED), (0.999, State.AWAITING_SCAN)):
         tolerance = Tolerance(float(limit * factor), 0.6, at)
         assert opened(loop, asked(prior=prior, tolerance=tolerance)).state is state

@@ -190,23 +190,26 @@ class Registrar:
         return self._solutions.get_or_make(key, lambda: self._solve(scene, scans, settings))
 
     def _solve(self, scene: Scene, scans: Sequence[Scan], settings: Settings) -> tuple[RegistrationProblem, Solution]:
-        """The solution under the prior, or under its fallback if the samples contradict the prior."""
+        """The solution under the prior, or under its fallback if that is too far away for the prior to be right.
+
+        A stated prior may be wrong, and then holds the solution in a place that robust costs explain well enough: only
+        a solution without it tells.
+        """
         model = self._models.get_or_make(scene.digest, lambda: camera_model.build(scene))
         check_cancelled()
-        problem, solution = self._solve_with(model, scans, settings)
         prior = settings.prior
-        if isinstance(prior, PosePrior) and (solution.fit < MIN_FIT or problem.prior.find_excess(solution.x) > 0):
+        if isinstance(prior, PosePrior) and scans:
             wide, found = self._solve_with(model, scans, replace(settings, prior=prior.fallback))
-            found = _mix_with_prior(found, wide.prior)
             correction = pose_from_correction(found.x, scene.centroid)
             about = PosePrior(Pose.identity(), prior.covariance)
             if found.fit >= MIN_FIT and about.is_contradicted_by(correction, scene.centroid, found.covariance):
                 return wide, found
-        return problem, _mix_with_prior(solution, problem.prior)
+        return self._solve_with(model, scans, settings)
 
     def _solve_with(
         self, model: CameraModel, scans: Sequence[Scan], settings: Settings
     ) -> tuple[RegistrationProblem, Solution]:
+        """The solution under the prior alone."""
         problem = build_problem(model, scans, settings.prior, settings.sensor)
         check_cancelled()
         if not scans:
@@ -222,7 +225,7 @@ class Registrar:
             if is_wide_beam(solution.x, problem, wide, self._resources):
                 problem, solution = wide, solve(settings.engine, wide, model, self._resources)
         fit = compute_p_value(classify_samples(solution.x, problem), problem, [len(scan) for scan in scans])
-        return problem, replace(solution, fit=fit)
+        return problem, _mix_with_prior(replace(solution, fit=fit), problem.prior)
 
 
 def _mix_with_prior(solution: Solution, prior: CorrectionPrior) -> Solution:

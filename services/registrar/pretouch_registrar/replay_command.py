@@ -55,7 +55,7 @@ def replay_session(
     recording = read_session_recording(file)
     recorded = read_recorded(recording)
     given = {"range_std": range_std, "range_bias_std": range_bias_std, "beam_half_angle": beam_half_angle}
-    sensor = {name: value for name, value in given.items() if value is not None}
+    sensor: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     settings = replace(
         recorded.settings,
         engine=engine or recorded.settings.engine,

@@ -1,7 +1,8 @@
 """What a camera's sessions together say about its calibration: a library without I/O.
 
 Believed pose B of the camera in base, true pose G B E exp(xi): E the constant error on the camera's side, G the one on
-the base's side, xi what differs from session to session. See docs/explanation/camera-calibration.md.
+the base's side, xi what differs from session to session. What it is worth:
+docs/results/camera-calibration.md.
 """
 
 from pretouch_orchestrator.calibration.calibration import Calibration, Drift, DriftState

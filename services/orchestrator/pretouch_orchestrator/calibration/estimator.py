@@ -10,7 +10,7 @@ from pretouch.geometry import Array, Pose
 from pretouch_orchestrator.calibration import assumptions
 from pretouch_orchestrator.calibration.calibration import Calibration, Drift, DriftState
 from pretouch_orchestrator.calibration.model import Sides
-from pretouch_orchestrator.calibration.observation import Evidence, Observation, difference, remove_prior
+from pretouch_orchestrator.calibration.observation import Measurement, Observation, difference, remove_prior
 from pretouch_orchestrator.calibration.regimes import Reading, Regime, filter_regimes, mix
 from pretouch_orchestrator.calibration.residual import estimate_residual
 
@@ -71,7 +71,7 @@ def _prior_covariance() -> Array:
     return covariance
 
 
-def _read(sides: Sides, seen: Observation, own: Evidence) -> Reading:
+def _read(sides: Sides, seen: Observation, own: Measurement) -> Reading:
     expected = sides.correction(seen.base_T_camera)
     off = difference(seen.base_T_correction, expected, seen.centroid)
     return Reading(

@@ -59,7 +59,7 @@ class Observation:
             object.__setattr__(self, name, frozen_array(symmetric, (6, 6), name))
 
 
-class Evidence(NamedTuple):
+class Measurement(NamedTuple):
     """What a session says about the error of its own answer, its prior removed: `rows @ error` is normal.
 
     Attributes:
@@ -78,7 +78,7 @@ def difference(a: Pose, b: Pose, point: Array) -> Array:
     return np.concatenate([vector_from_rotation(a.rotation @ b.rotation.T), a.apply(point) - b.apply(point)])
 
 
-def remove_prior(observation: Observation) -> Evidence:
+def remove_prior(observation: Observation) -> Measurement:
     """The session's own evidence: the difference between its information and its prior's.
 
     With the prior whitened (covariance I, mean -m from the answer) and the answer's information of eigenvalues l, the
@@ -94,4 +94,4 @@ def remove_prior(observation: Observation) -> Evidence:
     learned = gain >= _MIN_GAIN
     rows = (vectors.T @ whiten)[learned]
     off = rows @ difference(observation.base_T_correction, observation.prior_mean, observation.centroid)
-    return Evidence(rows, off / gain[learned], 1.0 / gain[learned])
+    return Measurement(rows, off / gain[learned], 1.0 / gain[learned])

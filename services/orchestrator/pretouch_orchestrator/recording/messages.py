@@ -171,4 +171,4 @@ def _thin(values: NDArray[Any], most: int) -> NDArray[Any]:
     """At most `most` of the values, evenly chosen."""
     if len(values) <= most:
         return values
-    return values[np.linspace(0, len(values) - 1, most).astype(int)]
+    return np.asarray(values[np.linspace(0, len(values) - 1, most).astype(int)])

@@ -69,7 +69,7 @@ def _describe_estimate(estimate: Estimate, scans: int) -> list[str]:
     ]
     if estimate.unobservable:
         weakest = estimate.unobservable[0]
-        parts.append(f"Least certain: {weakest.text.rstrip('.')}, standard deviation {_mm(weakest.std)}.")
+        parts.append(f"Least certain, ± one standard deviation: {weakest.text.rstrip('.')}.")
     if estimate.sensor_problem:
         parts.append(f"The samples are not to be trusted: {estimate.sensor_problem}")
     elif estimate.fit < MIN_FIT:

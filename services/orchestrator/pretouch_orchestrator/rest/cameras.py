@@ -70,7 +70,9 @@ def add_camera_routes(app: FastAPI, sessions: SessionManager) -> None:
         summary="Export a camera's pose",
         responses=openapi.describe_responses(200, exported, *(401, 404, 409, 422, 429, 503)),
     )
-    async def export_pose(camera_id: CameraId, format: CameraFormat = ExportFormat.JSON) -> Response:
+    async def export_pose(camera_id: CameraId, format: CameraFormat = "json") -> Response:
         """Returns the camera's corrected pose in base with its covariance, for the robot's own configuration."""
         camera = await sessions.cameras.get(current_caller().owner, camera_id)
-        return PlainTextResponse(export_camera(camera, format), media_type=_MEDIA_TYPES[format])
+        return PlainTextResponse(
+            export_camera(camera, ExportFormat(format)), media_type=_MEDIA_TYPES[ExportFormat(format)]
+        )

@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 
 from fastapi import Header, Path, Query
 
-from pretouch.camera_export import ExportFormat
 from pretouch_orchestrator.sessions.manager import MAX_KEY, MAX_PAGE
 
 SessionId = Annotated[str, Path(description="Name of the session.")]
@@ -21,7 +20,7 @@ IdempotencyKey = Annotated[
 ]
 CameraId = Annotated[str, Path(description="Name of the camera: `camera.id` of its sessions.")]
 CameraFormat = Annotated[
-    ExportFormat,
+    Literal["json", "yaml", "urdf"],
     Query(description="`json` or `yaml`: the pose with its covariance; `urdf`: a fixed joint with its `origin`."),
 ]
 DeviceName = Annotated[str, Path(description="Name of the gateway's device.")]

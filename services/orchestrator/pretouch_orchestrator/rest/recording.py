@@ -20,7 +20,7 @@ _BYTES = 16 * 1024 * 1024
 
 
 def add_recording_route(app: FastAPI, sessions: SessionManager, context: ServiceContext) -> None:
-    content = {MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}
+    content = {MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}, "example": "\x89MCAP0\r\n..."}}
 
     @app.get(
         "/v1/sessions/{session_id}/recording.mcap",

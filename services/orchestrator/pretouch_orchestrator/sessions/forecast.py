@@ -1,8 +1,9 @@
 """Forecasts what the rest of a session will take, from what its record tells once the next scan is planned.
 
-Three generalised linear models of the same features: logistic for the chance to converge, and Poisson with a log
-link for the scans and the robot seconds until the end (McCullagh and Nelder, Generalized Linear Models, 1989). The
-coefficients were fitted to simulated sessions by
+Three generalised linear models of the same features (McCullagh and Nelder, Generalized Linear Models, 1989): logistic
+for the chance to converge and for the share of the scans left that will be made (a fractional response, Papke and
+Wooldridge 1996), and Poisson with a log link for the robot seconds that a scan will take. The coefficients were fitted
+to simulated sessions in two worlds by
 
     python -m experiments.forecast --split train --fit
 
@@ -15,9 +16,10 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.special import expit
 
 from pretouch.session import Forecast
-from pretouch_orchestrator.sessions.endings import error_quantile, is_explained
+from pretouch_orchestrator.sessions.endings import error_quantile
 from pretouch_orchestrator.sessions.record import Record
 
 
@@ -34,7 +36,6 @@ class Features(NamedTuple):
         tolerance: log of the tolerance in millimetres.
         cone: half angle of the sensor's beam, in units of 0.1 rad.
         begun: whether a scan was made.
-        misfit: whether the estimate does not explain the samples so far.
     """
 
     constant: float
@@ -45,17 +46,18 @@ class Features(NamedTuple):
     tolerance: float
     cone: float
     begun: float
-    misfit: float
 
 
-CHANCE: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-SCANS: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-SECONDS: Final = Features(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-"""Coefficients of the logit of the chance, and of the logs of the scans and of the seconds."""
+CHANCE: Final = Features(-3.53, -3.19, 3.72, 1.38, 0.24, 0.71, -0.89, 0.03)
+SCANS: Final = Features(2.09, 0.95, -0.57, -2.15, 0.52, 0.26, -0.08, -0.43)
+SECONDS: Final = Features(1.07, 0.08, -0.45, 0.06, -0.16, 0.09, 0.03, -0.05)
+"""Coefficients of the logits of the chance and of the share of the scans left, and of the log of the seconds a scan."""
 ENOUGH_SCANS: Final = 10.0
 ENOUGH_SECONDS: Final = 30.0
 """Budgets beyond these change nothing."""
 _MAX_LOG: Final = 10.0
+_LEAST: Final = 1e-9
+"""m: smaller errors and tolerances count as this one."""
 
 
 def describe(record: Record) -> Features:
@@ -66,14 +68,13 @@ def describe(record: Record) -> Features:
     best = min((region.expected_error for region in record.regions), default=estimate.expected_error)
     return Features(
         constant=1.0,
-        need=float(np.log(max(error_quantile(record), 1e-9) / request.tolerance.error)),
+        need=float(np.log(max(error_quantile(record), _LEAST) / max(request.tolerance.error, _LEAST))),
         gain=float(max(np.log(estimate.expected_error / best), 0.0)),
         scans=float(np.log(min(scans, ENOUGH_SCANS))),
         seconds=float(np.log(np.clip(seconds / record.next_scan.path.duration, 1.0, ENOUGH_SECONDS))),
-        tolerance=float(np.log(1000.0 * request.tolerance.error)),
+        tolerance=float(np.log(1000.0 * max(request.tolerance.error, _LEAST))),
         cone=10.0 * request.sensor.beam_half_angle,
         begun=float(bool(record.scans)),
-        misfit=float(not is_explained(estimate)),
     )
 
 
@@ -90,11 +91,10 @@ def measure_rest(record: Record) -> tuple[int, float]:
 
 def compute_forecast(features: Features, scans: int, seconds: float) -> Forecast:
     """The forecast where the budget has so many scans and robot seconds left: at least the planned scan is made."""
-    logit, log_scans, log_seconds = (
-        float(np.clip(np.dot(features, each), -_MAX_LOG, _MAX_LOG)) for each in (CHANCE, SCANS, SECONDS)
-    )
+    x = np.array(features)
+    made = max(1.0, min(scans, ENOUGH_SCANS) * float(expit(x @ SCANS)))
     return Forecast(
-        scans=float(np.clip(np.exp(log_scans), 1.0, scans)),
-        seconds=float(min(np.exp(log_seconds), seconds)),
-        chance=float(1.0 / (1.0 + np.exp(-logit))),
+        scans=made,
+        seconds=min(seconds, made * float(np.exp(np.clip(x @ SECONDS, -_MAX_LOG, _MAX_LOG)))),
+        chance=float(expit(x @ CHANCE)),
     )

@@ -244,7 +244,7 @@ class _Scorer:
         moved = np.einsum("tij,nj->tni", turns, points - centre) + centre + self.moves[:, None, 3:]
         seen = view.camera.project(points).astype(np.float32)
         moved_seen = view.camera.project(moved).astype(np.float32)
-        precision = np.linalg.inv(trials.prior.covariance)
+        precision = np.asarray(np.linalg.inv(trials.prior.covariance), dtype=np.float64)
         tiles = sort_by_tile(seen)
         self._seen = _Seen(points, np.ascontiguousarray(normals, dtype=np.float64), seen)
         in_order = np.ascontiguousarray(moved_seen[:, tiles])

@@ -45,7 +45,7 @@ class CorrectionPrior(NamedTuple):
     @staticmethod
     def of(prior: AnyPrior) -> CorrectionPrior:
         """The prior without its mean."""
-        root = np.linalg.cholesky(prior.covariance)
+        root: Array = np.linalg.cholesky(prior.covariance).astype(np.float64)
         whiten = np.tril(np.linalg.inv(root))
         return CorrectionPrior(root, whiten, np.ascontiguousarray(whiten.T @ whiten), isinstance(prior, PosePrior))
 
