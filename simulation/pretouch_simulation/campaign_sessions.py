@@ -16,6 +16,7 @@ from pretouch_registrar.registration import Registrar
 
 from pretouch.errors import PretouchError
 from pretouch.estimate import Estimate
+from pretouch.geometry import Pose
 from pretouch_simulation.campaign_world import Campaign
 from pretouch_simulation.evaluation import Step, make_scans, open_session
 from pretouch_simulation.evaluation_protocol import Protocol, loop_of
@@ -159,7 +160,7 @@ def _row(case: Case, protocol: Protocol, record: Record, prior: Estimate) -> Row
         engine=protocol.engine.value,
         planner=protocol.planner.value,
         sensor=protocol.sensor.value,
-        initial_error=case.error(case.truth.identity()),
+        initial_error=case.error(Pose.identity()),
         error=case.error(estimate.base_T_correction),
         expected_error=estimate.expected_error,
         covered=case.is_covered_by(estimate),

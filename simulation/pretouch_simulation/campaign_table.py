@@ -26,8 +26,8 @@ def campaign_table(runs: Sequence[CampaignRun], tolerance: float) -> Table:
     """A line for each setup and position, and one for all from KNOWN_FROM on.
 
     Medians of robot seconds, means of scans and errors; `within`: share of the converged whose error is within
-    `tolerance`, m; `prior`: share of truths in the 95 % region that the session started from. What stands after
-    `alone` is without `camera.id`.
+    `tolerance`, m; `prior`: share of truths in the 95 % region that the session started from. `alone`: without
+    `camera.id`.
     """
     setups = dict.fromkeys((run.key.camera, run.key.sensor, run.key.engine) for run in runs)
     varied = [k for k in range(3) if len({setup[k] for setup in setups}) > 1]
@@ -38,6 +38,8 @@ def campaign_table(runs: Sequence[CampaignRun], tolerance: float) -> Table:
             [row for run in mine if run.key.learns is w for row in last_rows(run.rows)] for w in (True, False)
         )
         positions = sorted({row.position or 0 for row in (*learned, *alone)})
+        if not positions:
+            continue
         spans = [(str(k), range(k, k + 1)) for k in positions]
         if positions[-1] > KNOWN_FROM:
             spans.append((f"{KNOWN_FROM}-{positions[-1]}", range(KNOWN_FROM, positions[-1] + 1)))
@@ -47,7 +49,7 @@ def campaign_table(runs: Sequence[CampaignRun], tolerance: float) -> Table:
             cells = (*_cells(one, tolerance), prior, *_cells(other, tolerance))
             lines.append((*(setup[k] for k in varied), name, str(len(one)), *cells))
     headings = (*(("camera", "sensor", "engine")[k] for k in varied), "object", "n", *_HEADINGS, "prior")
-    alone_headings = (f"alone: {_HEADINGS[0]}", *_HEADINGS[1:])
+    alone_headings = tuple(f"alone: {heading}" for heading in _HEADINGS)
     return Table("By position", (*headings, *alone_headings), tuple(lines), len(varied), len(varied) + 1)
 
 
