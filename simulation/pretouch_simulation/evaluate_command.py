@@ -17,8 +17,11 @@ from rich.console import Console
 from pretouch.errors import InvalidInput
 from pretouch.interrupts import INTERRUPTED
 from pretouch.results import STANDARD_OUTPUT, check_file, write_json
-from pretouch.session import Planner, Proposer
+from pretouch.session import Planner, Proposer, Tolerance
+from pretouch_simulation.campaign_command import evaluate_campaigns, read_campaign_options, refuse_beside_campaign
+from pretouch_simulation.campaign_world import campaigns
 from pretouch_simulation.depth_cameras import CameraModel
+from pretouch_simulation.evaluation_console import open_console
 from pretouch_simulation.evaluation_pool import PartialResults
 from pretouch_simulation.evaluation_progress import run_with_progress
 from pretouch_simulation.evaluation_protocol import (
@@ -44,7 +47,6 @@ from pretouch_simulation.mesh_folder import meshes_in
 from pretouch_simulation.split import Split
 from pretouch_simulation.worst_report import WORST, save_worst_runs
 
-_FILE_WIDTH = 160
 _VIEWS, _SCANS, _SEEDS = 3, 5, 3
 _ENGINE = "How scans are matched; repeatable, the rows of all go into one file."
 _FRAMES = f"Folder of real frames: sessions on every object with over {MIN_PIXELS} pixels. Instead of --meshes."
@@ -56,6 +58,15 @@ _TOLERANCE = "Stop a session at this error, m, with default budgets. Left out: o
 _CLUTTER = "Two to five other meshes of the folder, of --split's side, stand around each."
 _GUARDED = "The robot lifts its tip by a reflex; paths are planned from what is expected, not from the worst case."
 
+_CAMPAIGNS = "Campaigns"
+_CAMPAIGN = (
+    "Campaigns of so many objects of --meshes in turn, seen by one camera whose calibration is wrong, to --tolerance; "
+    "beside them the same without camera.id. --views says how many campaigns."
+)
+_MOVING = "The camera is elsewhere for each object, as on a wrist."
+_RESIDUAL = "What differs from session to session: standard deviations. Left out: 0.002 0.4."
+_KNOCK = "The camera is knocked before the object at this position: by how much, at the object."
+_DRIFT = "Steps of the camera from one object to the next: standard deviations."
 _REPORT = f"Where the {WORST} runs with the largest errors go as reports, one HTML file; they are run once more for it."
 
 
@@ -119,12 +130,31 @@ def evaluate(
         Path | None, typer.Option(help="Where each row's pose error goes, as JSON lines; with the stated covariance.")
     ] = None,
     report: Annotated[Path | None, typer.Option(help=_REPORT)] = None,
+    campaign: Annotated[int | None, typer.Option(min=1, max=1000, help=_CAMPAIGN, rich_help_panel=_CAMPAIGNS)] = None,
+    moving_camera: Annotated[bool, typer.Option("--moving-camera", help=_MOVING, rich_help_panel=_CAMPAIGNS)] = False,
+    residual: Annotated[
+        tuple[float, float] | None, typer.Option(metavar="M DEG", help=_RESIDUAL, rich_help_panel=_CAMPAIGNS)
+    ] = None,
+    knock: Annotated[
+        tuple[int, float, float] | None,
+        typer.Option(metavar="POSITION M DEG", help=_KNOCK, rich_help_panel=_CAMPAIGNS),
+    ] = None,
+    drift: Annotated[
+        tuple[float, float] | None, typer.Option(metavar="M DEG", help=_DRIFT, rich_help_panel=_CAMPAIGNS)
+    ] = None,
 ) -> None:
     """Score the whole loop on simulated views of a folder of meshes, or on real frames with default budgets.
 
     Each engine drives its own sessions unless --shared-scans is given.
     """
     console = Console(stderr=True)
+    settings = read_campaign_options(campaign, moving_camera, residual, knock, drift)
+    if settings is not None:
+        wrong = {
+            **{"--frames": frames, "--details": details, "--report": report, "--clutter": clutter},
+            **{"--paper-setting": paper_setting, "--shared-scans": shared_scans},
+        }
+        refuse_beside_campaign([name for name, value in wrong.items() if value])
     _refuse_mixture(
         meshes is not None,
         frames is not None,
@@ -142,7 +172,11 @@ def evaluate(
     else:
         folder = meshes or Path()
         paths = meshes_in(folder, only or (), limit, split)
-        tasks = [*mesh_tasks(paths, range(views or _VIEWS), meshes_in(folder, split=split) if clutter else ())]
+        tasks = (
+            []
+            if settings
+            else [*mesh_tasks(paths, range(views or _VIEWS), meshes_in(folder, split=split) if clutter else ())]
+        )
     engines = [Engine.PAPER] if paper_setting else list(dict.fromkeys(engine or [Engine.POSTERIOR]))
     sensors = [FingerModel.IDEAL] if paper_setting else list(dict.fromkeys(sensor or [FingerModel.IDEAL]))
     cameras = list(dict.fromkeys(camera or [CameraModel.KINECT]))
@@ -159,9 +193,11 @@ def evaluate(
         camera=cameras[0],
         guarded=guarded,
     )
+    if settings is not None and tolerance is None:
+        first = replace(first, tolerance=Tolerance().error)
     if frames is not None:
         first = adapt_to_frames(first, tolerance)
-    elif tolerance is not None:
+    elif tolerance is not None or settings is not None:
         budgeted = adopt_default_budget(first)
         first = replace(budgeted, scans=scans or budgeted.scans)
     first = replace(first, stop=can_stop_in_time(first) if stop is None else stop)
@@ -175,6 +211,10 @@ def evaluate(
     for written in (details, report):
         if written is not None:
             check_file(written)
+    if settings is not None:
+        wanted = campaigns(settings, paths, views or _VIEWS, seed)
+        evaluate_campaigns(out, wanted, protocols, workers or os.cpu_count() or 1, console)
+        return
     kept = PartialResults(out, first)
     try:
         runs = run_with_progress(tasks, protocols, workers, kept, console)
@@ -208,8 +248,7 @@ def _refuse_mixture(meshes: bool, frames: bool, *, for_meshes: dict[str, Any], f
 
 
 def _report(runs: Sequence[Run], protocol: Protocol, out: Path) -> None:
-    known = sys.stdout.isatty() or "COLUMNS" in os.environ
-    console = Console(width=None if known else _FILE_WIDTH, stderr=out == STANDARD_OUTPUT)
+    console = open_console(out)
     setups = group_by_setup(runs)
     single = len(setups) == 1
     if setups:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from pretouch_orchestrator.sessions.loop import Loop
+from pretouch_orchestrator.sessions.loop import Loop, PredictPrior
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_registrar.registration import Registrar, Settings
 
@@ -151,11 +151,21 @@ def _run_or_reuse_steps(
 
 
 async def open_session(
-    case: Case, protocol: Protocol, loop: Loop, finger: Finger, prior: AnyPrior | None = None
+    case: Case,
+    protocol: Protocol,
+    loop: Loop,
+    finger: Finger,
+    prior: AnyPrior | None = None,
+    predict: PredictPrior | None = None,
 ) -> Record:
-    """The session on `case` before its first scan; raises `PretouchError` where the services refuse it."""
+    """The session on `case` before its first scan; raises `PretouchError` where the services refuse it.
+
+    Args:
+        prior: what the session is told of the calibration error; None: nothing.
+        predict: where it is told nothing, what is known of its camera.
+    """
     request = replace(request_of(case, protocol), sensor=finger.sensor, prior=prior)
-    return await loop.open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask)
+    return await loop.open(f"{case.name}-{case.view}", 0.0, request, case.depth, case.mask, predict)
 
 
 async def run_session(
@@ -181,6 +191,14 @@ async def run_session(
     started = time.perf_counter()
     record = await open_session(case, protocol, loop, finger, prior)
     opening = time.perf_counter() - started
+    steps = await make_scans(record, case, protocol, loop, finger, most)
+    return [replace(steps[0], seconds=steps[0].seconds + opening), *steps[1:]] if steps else []
+
+
+async def make_scans(
+    record: Record, case: Case, protocol: Protocol, loop: Loop, finger: Finger, most: int
+) -> list[Step]:
+    """Goes on with a session on `case`; its states after each of up to `most` scans. Raises as `run_session`."""
     steps = list[Step]()
     while record.next_scan is not None and len(steps) < most:
         plan = record.next_scan
@@ -191,8 +209,7 @@ async def run_session(
             record, samples = await tell_until_enough(loop, record, samples), NOTHING
         started = time.perf_counter()
         record = await loop.advance(record, plan.scan_id, samples)
-        seconds = time.perf_counter() - started + (opening if not steps else 0.0)
-        steps.append(Step(record, seconds))
+        steps.append(Step(record, time.perf_counter() - started))
     return steps
 
 

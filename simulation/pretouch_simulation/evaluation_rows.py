@@ -34,6 +34,12 @@ class Row:
         scene: `alone`, or `clutter` where other things stand around; None for a real frame.
         frame: the real frame; None for a view of a mesh.
         error_fitted: of a real frame: as `error`, from `fit_truth`.
+        campaign, position: which campaign, from 0, and its how manieth object, from 1; these and what follows are None
+            outside of campaigns. There a session that ends without a scan has one row too, with `scan` 0.
+        knock: the camera was knocked before this session or an earlier one of the campaign.
+        prior_error: as `error`, of what the session believed before its first scan.
+        prior_covered: the truth lies in the 95 % region of that.
+        drift: what the sessions up to this one say of the camera: steady, suspected or moved; None without `camera.id`.
     """
 
     mesh: str
@@ -57,6 +63,12 @@ class Row:
     scene: str | None = None
     frame: str | None = None
     error_fitted: float | None = None
+    campaign: int | None = None
+    position: int | None = None
+    knock: bool | None = None
+    prior_error: float | None = None
+    prior_covered: bool | None = None
+    drift: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For programs; members that are None are left out."""

@@ -96,16 +96,19 @@ def draw_hidden_offset(true_cloud: Array, rng: np.random.Generator) -> Pose:
     return Pose.of(turn, centroid + shift - turn @ centroid)
 
 
-def draw_offset_about(centroid: Array, rng: np.random.Generator) -> Pose:
-    """As `draw_hidden_offset`, where the cloud's centroid (3,), m, is known as the camera puts it."""
-    turn, shift = _draw(rng)
+def draw_offset_about(centroid: Array, rng: np.random.Generator, size: float = 1.0) -> Pose:
+    """As `draw_hidden_offset`, `size` times as large, where the cloud's centroid (3,), m, is as the camera puts it."""
+    turn, shift = _draw(rng, size)
     return Pose.of(turn, centroid + shift - turn @ centroid)
 
 
-def _draw(rng: np.random.Generator) -> tuple[Array, Array]:
-    """Roll, pitch, yaw uniform in +-5 deg (extrinsic xyz, base axes), (3, 3), and a shift (3,) of uniform +-2 cm."""
-    roll, pitch, yaw = rng.uniform(-OFFSET_ROTATION, OFFSET_ROTATION, 3)
-    shift = rng.uniform(-OFFSET_TRANSLATION, OFFSET_TRANSLATION, 3)
+def _draw(rng: np.random.Generator, size: float = 1.0) -> tuple[Array, Array]:
+    """Roll, pitch, yaw uniform in +-5 deg (extrinsic xyz, base axes), (3, 3), and a shift (3,) of uniform +-2 cm.
+
+    Both are `size` times as large.
+    """
+    roll, pitch, yaw = size * rng.uniform(-OFFSET_ROTATION, OFFSET_ROTATION, 3)
+    shift = size * rng.uniform(-OFFSET_TRANSLATION, OFFSET_TRANSLATION, 3)
     turn = rotation_from_vector([0, 0, yaw]) @ rotation_from_vector([0, pitch, 0]) @ rotation_from_vector([roll, 0, 0])
     return turn, shift
 
@@ -148,11 +151,32 @@ def case_of(
     middle = PLACE + np.array([0.0, 0.0, resting.extents[2] / 2])
     true_camera = look_at(middle, rng.uniform(*CAMERA_DISTANCE), rng.uniform(*CAMERA_PITCH))
     world = World([target, *(surround(target, true_camera) if surround else ())], TABLE)
+    return view_of(name, view, world, true_camera, camera, rng, lambda cloud: draw_hidden_offset(cloud, rng))
+
+
+def view_of(
+    name: str,
+    view: int,
+    world: World,
+    true_camera: Pose,
+    camera: DepthCamera,
+    rng: np.random.Generator,
+    find_truth: Callable[[Array], Pose],
+) -> Case:
+    """What a camera truly at `true_camera` in base sees of the world's first body.
+
+    Args:
+        rng: of the image's noise.
+        find_truth: the right `base_T_correction`, given the object's points (n, 3), m, at their true place in base.
+
+    Raises:
+        InvalidInput: the camera does not see the object.
+    """
     image = camera.render(world, CAMERA, true_camera, rng)
     scored = (image.bodies == 0) & (image.depth.metres > 0)
     if not (scored.any() and image.mask.any()):
         raise InvalidInput(f"The camera does not see {name}.", "Give a larger mesh, in metres.")
-    truth = draw_hidden_offset(true_camera.apply(CAMERA.back_project_image(image.depth.metres)[scored]), rng)
+    truth = find_truth(true_camera.apply(CAMERA.back_project_image(image.depth.metres)[scored]))
     return Case(name, view, image.depth, CAMERA, truth.inverse() @ true_camera, image.mask, world, truth, scored)
 
 

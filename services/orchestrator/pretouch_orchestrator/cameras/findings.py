@@ -23,7 +23,7 @@ from pretouch.geometry import Array, Pose
 from pretouch.prior import AnyPrior
 from pretouch.session import State
 from pretouch.session_warning import SessionWarning
-from pretouch_orchestrator.calibration import Calibration, Observation, assumptions
+from pretouch_orchestrator.calibration import Calibration, Observation, assumptions, estimate_calibration
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.camera_sql import CANCELLED
 from pretouch_orchestrator.store.protocol import MAX_CAMERAS, CameraEntry, CameraMemory
@@ -96,6 +96,11 @@ def list_observations(entries: Sequence[CameraEntry]) -> list[Observation]:
             earliest = observations[-1].at + _STEP if observations else entry.at
             observations.append(replace(entry.observation, at=max(entry.at, earliest)))
     return observations
+
+
+def calibrate(entries: Sequence[CameraEntry]) -> Calibration:
+    """What the sessions that count say together of their camera."""
+    return estimate_calibration(list_observations(entries))
 
 
 def predict_prior(calibration: Calibration, base_T_camera: Pose, centroid: Array) -> AnyPrior | None:

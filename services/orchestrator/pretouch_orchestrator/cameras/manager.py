@@ -11,11 +11,11 @@ from pretouch.calibrated_camera import CalibratedCamera, CalibrationDrift, Camer
 from pretouch.errors import PretouchError
 from pretouch.serving import ServiceContext
 from pretouch.session_warning import SessionWarning
-from pretouch_orchestrator.calibration import Calibration, estimate_calibration
+from pretouch_orchestrator.calibration import Calibration
 from pretouch_orchestrator.cameras.findings import (
+    calibrate,
     describe_camera,
     describe_event,
-    list_observations,
     observe,
     predict_prior,
     summarize,
@@ -149,7 +149,7 @@ class Cameras:
         key = tuple(entry.session_id for entry in entries[-2:])
         calibration = self._calibrations.pop(key, None)
         if calibration is None:
-            calibration = await self._context.go_on_in_thread(_estimate, entries)
+            calibration = await self._context.go_on_in_thread(calibrate, entries)
         self._calibrations[key] = calibration
         while len(self._calibrations) > _KEPT:
             self._calibrations.popitem(last=False)
@@ -180,10 +180,6 @@ class Cameras:
         if after != before and after.state == "moved":
             self._alarms.labels(after.state).inc()
             self._context.log.warning("a camera has moved", camera=camera_id, since=after.since)
-
-
-def _estimate(entries: Sequence[CameraEntry]) -> Calibration:
-    return estimate_calibration(list_observations(entries))
 
 
 def _tell(events: Sequence[NewEvent], camera_id: str, entry: CameraEntry, drift: CalibrationDrift) -> list[NewEvent]:
