@@ -87,8 +87,8 @@ def run_worlds(arguments: argparse.Namespace) -> None:
             rows.append({"world": name, "campaigns": len(done), **_cover(done)})
             _save(arguments, "camera-calibration.json", rows, wanted)
         for name, world, knock in knocks():
-            seeds = [(world, knock, [arguments.seed, k]) for k in range(arguments.knocks)]
-            rows.append({"world": name, "campaigns": arguments.knocks, **_watch(list(pool.map(_run_knock, seeds)))})
+            tasks = [(world, knock, [arguments.seed, k]) for k in range(arguments.knocks)]
+            rows.append({"world": name, "campaigns": arguments.knocks, **_watch(list(pool.map(_run_knock, tasks)))})
             _save(arguments, "camera-calibration.json", rows, wanted)
     save_picture(rows, arguments.out / "camera-calibration.png")
     write_page(arguments.out)

@@ -118,7 +118,15 @@ def _share_prior_covered(sessions: Sequence[Session]) -> float:
 
 
 def _tabulate(worlds: dict[str, dict[str, list[Session]]], tolerance: float) -> str:
-    headings = ("world", "camera.id", "n", "robot s, 1st", f"from {KNOWN_FROM}th", "ratio", "error mm, 1st")
+    headings: tuple[str, ...] = (
+        "world",
+        "camera.id",
+        "n",
+        "robot s, 1st",
+        f"from {KNOWN_FROM}th",
+        "ratio",
+        "error mm, 1st",
+    )
     headings += (f"from {KNOWN_FROM}th", "converged", "of those within", "covered", "prior covered")
     lines = []
     for name, arms in worlds.items():
