@@ -94,8 +94,8 @@ Recordings of data/hand_eye (SOURCES.md there). Hand-eye calibration of all pair
 campaign believes a calibration from 20 pairs of one quarter of the recording and meets 12 pairs of the rest, in order;
 the error that it makes on each is a session, known to 0.5 mm and 0.1 deg. Errors there depend on the pose and have
 tails. Before predictions were widened for the uncertain residual, their 95 % regions held 85 % (arm) and 79 %
-(PrimeSense) of 66 sessions each, with 5.1 and 9.8 mm before the second session, 2.2 and 6.5 mm before the twelfth. The state `moved`
-lasts for eight sessions: one false alarm counts up to eight times below.
+(PrimeSense) of 66 sessions each, with 5.1 and 9.8 mm before the second session, 2.2 and 6.5 mm before the twelfth.
+The state `moved` lasts for eight sessions: one false alarm counts up to eight times below.
 
 """
 
