@@ -55,7 +55,7 @@ class Calibration:
         rejected: by session that does not count, why.
         count: number of sessions that count.
         widening: factor, at least 1, of the covariance of a prediction: for a residual that is itself uncertain, and
-            for sessions that surprised by more than was predicted.
+            for sessions that surprised by more than was predicted; less where it would be wider than the default prior.
         base_T_fixed: the declared pose of all sessions that count if it is one and the same in two or more, else None.
     """
 
@@ -101,11 +101,12 @@ class Calibration:
         mean = sides.correction(base_T_camera)
         jacobian = sides.jacobian(base_T_camera, point)
         residual = in_base(self.residual, sides.correct(base_T_camera).rotation)
-        covariance = self.widening * (jacobian @ self.covariance @ jacobian.T + residual)
+        covariance = jacobian @ self.covariance @ jacobian.T + residual
         off = difference(mean, Pose.identity(), point)
         widths = np.trace(np.linalg.solve(Prior().covariance, covariance)) / 6
         if widths >= 1 or np.linalg.norm(off[:3]) > MAX_TURN or np.linalg.norm(off[3:]) > MAX_SHIFT:
             return None
+        covariance = min(self.widening, 1 / widths) * covariance  # its mean is better known than nothing
         return PosePrior(mean, 0.5 * (covariance + covariance.T))
 
     def _sides(self) -> Sides:
