@@ -1,6 +1,6 @@
 """Cups, bowls and other round things: the error tolerated on their axis alone, against that of the whole object.
 
-    python -m experiments.axis [--views 1] [--seed 0] [--out docs/results]
+    python -m experiments.axis [--limit 8] [--views 1] [--seed 0] [--out docs/results]
 
 Writes axis.json and axis.md. Both sessions of a view have the same image, hidden calibration error and finger, and the
 default tolerance and budget; their robot finishes its scans. The points are those of the object's vertical axis at half
@@ -162,7 +162,7 @@ def prepare() -> None:
 def run(arguments: argparse.Namespace) -> None:
     kept = PartialRows(arguments.out / "axis.partial.jsonl", {"seed": arguments.seed})
     known = {(row["mesh"], row["view"], row["world"]) for row in kept.rows}
-    paths = meshes_in(arguments.meshes, only=MESHES)
+    paths = meshes_in(arguments.meshes, only=MESHES, limit=arguments.limit)
     calls = [
         (path, view, world, arguments.seed)
         for view in range(arguments.views)
@@ -224,6 +224,7 @@ def _summarize(rows: Sequence[Row]) -> tuple[str, ...]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--meshes", type=Path, default=SHARED / "data" / "meshes" / "train")
+    parser.add_argument("--limit", type=int, help="how many of the meshes, the first ones by name")
     parser.add_argument("--views", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
     run_resumable(parser, run)
