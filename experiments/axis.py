@@ -171,8 +171,8 @@ def run(arguments: argparse.Namespace) -> None:
         if (path.stem, view, world) not in known
     ]
     console = Console(stderr=True)
-    for rows in run_in_workers(run_view, calls, arguments.workers or 1, prepare):
-        for row in rows:
+    for made in run_in_workers(run_view, calls, arguments.workers or 1, prepare):
+        for row in made:
             kept.add(row)
         console.print(f"{len(kept.rows)} sessions")
     rows = [Row(**row) for row in kept.rows]

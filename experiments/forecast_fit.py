@@ -29,13 +29,26 @@ _RIDGE = 0.1
 class Course(Protocol):
     """What is fitted of a session: see `experiments.forecast.Row`."""
 
-    tolerance: float
-    features: list[list[float]]
-    spent: list[float]
-    durations: list[float]
-    quantiles: list[float]
-    explained: list[bool]
-    seconds: float
+    @property
+    def tolerance(self) -> float: ...
+
+    @property
+    def features(self) -> list[list[float]]: ...
+
+    @property
+    def spent(self) -> list[float]: ...
+
+    @property
+    def durations(self) -> list[float]: ...
+
+    @property
+    def quantiles(self) -> list[float]: ...
+
+    @property
+    def explained(self) -> list[bool]: ...
+
+    @property
+    def seconds(self) -> float: ...
 
 
 class Cut(NamedTuple):
@@ -79,8 +92,8 @@ def cut(course: Course, tolerance: float, scans: int, seconds: float) -> Cut:
 
 def cut_all(courses: Sequence[Course]) -> Iterator[Cut]:
     """Every session with every tolerance and budget, without those that have converged, or end, before a scan."""
-    for course, *settings in product(courses, TOLERANCES, SCANS, SECONDS):
-        made = cut(course, *settings)
+    for course, tolerance, scans, seconds in product(courses, TOLERANCES, SCANS, SECONDS):
+        made = cut(course, tolerance, scans, seconds)
         if len(made.features):
             yield made
 

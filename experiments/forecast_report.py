@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from pretouch_simulation.markdown import markdown_table
 from scipy.stats import beta
 
@@ -21,8 +22,11 @@ _BINS = 5
 class Course(Protocol):
     """What is shown of a session: see `experiments.forecast.Row`."""
 
-    spent: list[float]
-    seconds: float
+    @property
+    def spent(self) -> list[float]: ...
+
+    @property
+    def seconds(self) -> float: ...
 
     @property
     def forecasts(self) -> list[Forecast]: ...
@@ -71,7 +75,7 @@ def write_report(by_world: Mapping[str, Sequence[Course]], command: str, out: Pa
     _draw(stages, out / "forecast.png")
 
 
-def _group(stated: Array) -> list[Array]:
+def _group(stated: Array) -> list[NDArray[np.intp]]:
     """Indices of groups of equally many states, in the order of what was stated."""
     return [group for group in np.array_split(np.argsort(stated, kind="stable"), _BINS) if len(group)]
 
