@@ -124,9 +124,11 @@ def test_a_container_is_bounded_in_memory_processes_cpu_and_logs(stack: Deployme
 
 
 def test_a_service_that_hangs_in_its_container_is_started_again(stack: Deployment) -> None:
+    stack.wait_until(lambda: stack.service_pid("registrar") is not None)
     stopped = stack.service_pid("registrar")
+    assert stopped is not None
     os.kill(stopped, signal.SIGSTOP)
-    stack.wait_until(lambda: stack.service_pid("registrar") not in (stopped, 0))
+    stack.wait_until(lambda: stack.service_pid("registrar") not in (stopped, None))
     stack.wait_until_ready()
     assert stack.inspected("registrar")["RestartCount"] == 0, "its supervisor did it, not the engine"
 

@@ -82,10 +82,10 @@ class Deployment:
     def inside(self, service: str, script: str, check: bool = True) -> str:
         return run("docker", "exec", self.container(service), "sh", "-c", script, check=check)
 
-    def service_pid(self, service: str) -> int:
-        """The process that serves, as the machine numbers it; 0 while there is none."""
+    def service_pid(self, service: str) -> int | None:
+        """The process that serves, as the machine numbers it; None while there is none: 0 would name one's own group."""
         lines = run("docker", "top", self.container(service), "-eo", "pid,args").splitlines()
-        return next((int(line.split()[0]) for line in lines if "--until-stdin-closes" in line), 0)
+        return next((int(line.split()[0]) for line in lines if "--until-stdin-closes" in line), None)
 
     def healthy(self) -> bool:
         """The engine asks at intervals, so it may say so later than the services themselves."""
