@@ -83,7 +83,7 @@ class Deployment:
         return run("docker", "exec", self.container(service), "sh", "-c", script, check=check)
 
     def service_pid(self, service: str) -> int | None:
-        """The process that serves, as the machine numbers it; None while there is none: 0 would name one's own group."""
+        """The process that serves, as the machine numbers it; None while there is none: 0 would be one's own group."""
         lines = run("docker", "top", self.container(service), "-eo", "pid,args").splitlines()
         return next((int(line.split()[0]) for line in lines if "--until-stdin-closes" in line), None)
 
