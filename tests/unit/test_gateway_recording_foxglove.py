@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -89,9 +90,9 @@ def test_every_chunk_is_compressed_and_indexed(path: Path) -> None:
 
 
 def test_reruns_converter_reads_every_message(path: Path, tmp_path: Path) -> None:
-    rerun = shutil.which("rerun")
-    if rerun is None:
-        pytest.skip("SKIPPED: Rerun is not installed (pip install rerun-sdk)")
+    pytest.importorskip("rerun", reason="pip install 'pretouch[live]'")
+    rerun = shutil.which("rerun", path=str(Path(sys.executable).parent))
+    assert rerun is not None
     converted = tmp_path / "recording.rrd"
     subprocess.run([rerun, "mcap", "convert", path, "-o", converted], check=True, capture_output=True)
     printed = subprocess.run([rerun, "rrd", "print", "-v", converted], check=True, capture_output=True, text=True)
