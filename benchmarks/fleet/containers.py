@@ -95,7 +95,8 @@ class ContainerFleet:
         return found
 
     def _service_pids(self, container: str) -> list[int]:
-        lines = _docker("top", container, "-eo", "pid,args").splitlines()[1:]
+        # without -ww, a COLUMNS in the engine's environment would cut the arguments off
+        lines = _docker("top", container, "-ww", "-eo", "pid,args").splitlines()[1:]
         return [int(line.split()[0]) for line in lines if "--until-stdin-closes" in line]
 
     def _container(self, part: str) -> str:

@@ -84,7 +84,8 @@ class Deployment:
 
     def service_pid(self, service: str) -> int | None:
         """The process that serves, as the machine numbers it; None while there is none: 0 would be one's own group."""
-        lines = run("docker", "top", self.container(service), "-eo", "pid,args").splitlines()
+        # without -ww, a COLUMNS in the engine's environment would cut the arguments off
+        lines = run("docker", "top", self.container(service), "-ww", "-eo", "pid,args").splitlines()
         return next((int(line.split()[0]) for line in lines if "--until-stdin-closes" in line), None)
 
     def healthy(self) -> bool:
