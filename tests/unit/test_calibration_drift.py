@@ -71,6 +71,21 @@ def test_a_knock_is_told_by_the_second_session_and_forgotten(seed: int) -> None:
     assert estimate_calibration(before + after).drift.state == "steady"
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_camera_that_wobbles_about_its_origin_was_not_knocked(seed: int) -> None:
+    """0.4 deg about the camera move the objects by 6 mm, across the line of sight and never along it."""
+    errors, rng = draw_errors(np.random.default_rng(seed)), np.random.default_rng(seed + 100)
+    seen = []
+    for k in range(12):
+        camera, wobble = camera_at(0.1 * (k % 4)), turned(rng.normal(size=3) * 0.007, np.zeros(3), np.zeros(3))
+        seen.append(session(k, camera, errors[1] @ camera @ errors[0] @ wobble, CENTROID))
+        calibration = estimate_calibration(seen)
+        assert calibration.drift.state != "moved"
+    across, along = np.diag(calibration.residual)[3:5].mean(), calibration.residual[5, 5]
+    assert along < 0.2 * across
+    assert 0.004 < np.sqrt(across) < 0.009
+
+
 def test_two_cameras_under_one_id_give_no_confident_prior() -> None:
     errors = draw_errors(np.random.default_rng(3))
     shifts = [np.zeros(3), np.array([0.02, 0.015, 0.0])]

@@ -22,6 +22,11 @@ ROTATION_STDS: Array = np.radians([0.15, 0.4, 0.8, 1.6, 4.0])
 TRANSLATION_WEIGHTS: Array = np.array([0.2, 0.33, 0.32, 0.12, 0.03])
 ROTATION_WEIGHTS: Array = np.array([0.2, 0.33, 0.32, 0.12, 0.03])
 
+ABOUT_CAMERA = 0.25
+"""Chance that what differs from session to session turns about the camera's origin instead of the objects."""
+CAMERA_ROTATION_WEIGHTS: Array = np.array([0.5, 0.39, 0.1, 0.009, 0.001])
+"""As `ROTATION_WEIGHTS`, for such cameras: the objects are a metre away."""
+
 NOISE_SCALES: Array = np.array([0.6, 1.0, 3.0])
 """How wrong a session's stated standard deviations may be: too wide in the bulk, too narrow in the tail."""
 NOISE_WEIGHTS: Array = np.array([0.45, 0.45, 0.05])
@@ -31,7 +36,7 @@ WRONG = (Prior(translation_std=0.007, rotation_std=0.025), Prior(translation_std
 
 KNOCK = 1 / 50
 """Chance that the camera is knocked between two sessions."""
-MOVED = 0.3
+MOVED = 0.06
 """Probability from which a knock is told: chosen by the rate of false alarms."""
 PUSHED = 0.7
 """Share of the knocks that push it only a little."""

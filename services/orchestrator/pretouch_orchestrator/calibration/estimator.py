@@ -9,9 +9,9 @@ import numpy as np
 from pretouch.geometry import Array, Pose
 from pretouch_orchestrator.calibration import assumptions
 from pretouch_orchestrator.calibration.calibration import Calibration, Drift, DriftState
-from pretouch_orchestrator.calibration.model import Sides
+from pretouch_orchestrator.calibration.model import Sides, cross_matrix
 from pretouch_orchestrator.calibration.observation import Measurement, Observation, difference, remove_prior
-from pretouch_orchestrator.calibration.regimes import Course, Reading, Regime, filter_regimes, mix
+from pretouch_orchestrator.calibration.regimes import Course, Reading, Regime, filter_regimes, mean_residual, mix
 from pretouch_orchestrator.calibration.residual import estimate_residual
 from pretouch_orchestrator.calibration.widening import widen
 
@@ -52,7 +52,7 @@ def estimate_calibration(observations: Sequence[Observation]) -> Calibration:
         camera_T_camera=sides.camera_T_camera,
         base_T_base=sides.base_T_base,
         covariance=moves @ covariance @ moves.T,
-        residual=_residual(readings, mean, covariance, regimes),
+        residual=_residual(readings, mean, covariance, regimes, sides.camera_pivot),
         drift=_judge(seen, course),
         rejected=rejected | _explain(seen, main, sides),
         widening=widen([one for one in course.surprises[main.start + 1 :] if one is not None]),
@@ -83,6 +83,7 @@ def _read(sides: Sides, seen: Observation, own: Measurement) -> Reading:
         values=own.rows @ off + own.values,
         variances=own.variances,
         rows=own.rows,
+        camera_rows=own.rows[:, :3] - own.rows[:, 3:] @ cross_matrix(seen.centroid - seen.base_T_camera.translation),
     )
 
 
@@ -93,17 +94,16 @@ def _mix(regimes: list[Regime]) -> tuple[Array, Array]:
     return mean[0], covariance[0]
 
 
-def _residual(readings: list[Reading], mean: Array, covariance: Array, regimes: list[Regime]) -> Array:
-    weights = [regime.probability for regime in regimes]
-    rotation = np.average([regime.rotation_variance for regime in regimes], weights=weights)
-    translation = np.average([regime.translation_variance for regime in regimes], weights=weights)
+def _residual(readings: list[Reading], mean: Array, covariance: Array, regimes: list[Regime], arm: Array) -> Array:
+    """See `estimate_residual`; `arm` (3,): from the camera to the objects, in its axes."""
     main = regimes[0]
     counted = [
         reading._replace(values=reading.values - reading.jacobian @ mean)
         for reading, right in zip(readings[main.start :], main.right, strict=True)
         if right >= _WRONG
     ]
-    return estimate_residual(counted, covariance, np.diag([rotation] * 3 + [translation] * 3))
+    about_camera = np.vstack([np.eye(3), -cross_matrix(arm)])
+    return estimate_residual(counted, covariance, mean_residual(regimes).covariance(np.eye(6), about_camera))
 
 
 def _judge(seen: list[Observation], course: Course) -> Drift:

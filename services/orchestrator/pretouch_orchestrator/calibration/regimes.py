@@ -8,6 +8,7 @@ wrong session; after each session the mixture is collapsed to its mean and covar
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,13 +19,19 @@ from pretouch_orchestrator.calibration import assumptions
 
 _MAX_REGIMES = 5
 _MIN_WEIGHT = 1e-3
-_SETTLED = 2
+_SETTLED = 3
 """Sessions that must be known of a state before a knock can end it."""
 
-_ROTATIONS, _TRANSLATIONS = (
-    grid.ravel() for grid in np.meshgrid(assumptions.ROTATION_STDS, assumptions.TRANSLATION_STDS, indexing="ij")
+_ABOUT_CAMERA, _ROTATIONS, _TRANSLATIONS = (
+    grid.ravel()
+    for grid in np.meshgrid([False, True], assumptions.ROTATION_STDS, assumptions.TRANSLATION_STDS, indexing="ij")
 )
-_GRID_WEIGHTS = np.log(np.outer(assumptions.ROTATION_WEIGHTS, assumptions.TRANSLATION_WEIGHTS).ravel())
+_GRID_WEIGHTS = np.log(
+    [
+        np.outer((1 - assumptions.ABOUT_CAMERA) * assumptions.ROTATION_WEIGHTS, assumptions.TRANSLATION_WEIGHTS),
+        np.outer(assumptions.ABOUT_CAMERA * assumptions.CAMERA_ROTATION_WEIGHTS, assumptions.TRANSLATION_WEIGHTS),
+    ]
+).ravel()
 _CLASS_WEIGHTS = np.log(
     np.concatenate(
         [assumptions.NOISE_WEIGHTS, np.full(len(assumptions.WRONG), assumptions.WRONG_WEIGHT / len(assumptions.WRONG))]
@@ -49,6 +56,7 @@ class Reading(NamedTuple):
         values: (k,), the observed ones less those expected without any change.
         variances: (k,), of the session's own errors.
         rows: (k, 6), how errors of the correction act on the values.
+        camera_rows: (k, 3), how rotations about the camera's origin do.
     """
 
     base_T_camera: Pose
@@ -56,6 +64,7 @@ class Reading(NamedTuple):
     values: Array
     variances: Array
     rows: Array
+    camera_rows: Array
 
 
 @dataclass
@@ -75,6 +84,25 @@ class _Regime:
         return float(np.logaddexp.reduce(self.weights))
 
 
+class ResidualVariances(NamedTuple):
+    """What differs from session to session: the variances along each axis, in rad^2 and m^2.
+
+    Attributes:
+        turn: of rotations about the object.
+        camera_turn: of rotations about the camera's origin.
+        shift: of translations.
+    """
+
+    turn: float
+    camera_turn: float
+    shift: float
+
+    def covariance(self, rows: Array, camera_rows: Array) -> Array:
+        """(k, k), of the values that `rows` (k, 6) and `camera_rows` (k, 3) make of it (`Reading`)."""
+        about_object = (rows * np.repeat([self.turn, self.shift], 3)) @ rows.T
+        return np.asarray(about_object + self.camera_turn * camera_rows @ camera_rows.T, dtype=np.float64)
+
+
 class Regime(NamedTuple):
     """A possible beginning of the camera's present state.
 
@@ -82,7 +110,7 @@ class Regime(NamedTuple):
         start: number of the reading with which it began.
         probability: of this beginning.
         mean, covariance: (12,), (12, 12), of the changes of both sides at the next session.
-        rotation_variance, translation_variance: of what differs from session to session, rad^2, m^2.
+        residual: of what differs from session to session.
         right: by reading since `start`, the probability that its session is not simply wrong.
         pose: the declared pose of all its readings, None if there are several.
     """
@@ -91,8 +119,7 @@ class Regime(NamedTuple):
     probability: float
     mean: Array
     covariance: Array
-    rotation_variance: float
-    translation_variance: float
+    residual: ResidualVariances
     right: tuple[float, ...]
     pose: Pose | None
 
@@ -122,7 +149,7 @@ class Course(NamedTuple):
 def filter_regimes(readings: list[Reading], mean: Array, covariance: Array) -> Course:
     """Follows the camera's state along the sessions.
 
-    A knock is told as soon as two sessions or more say so, after two others: where the probability that the present
+    A knock is told as soon as two sessions or more say so, after three others: where the probability that the present
     state began with one of them reaches `assumptions.MOVED`. What was known before counts no longer then.
 
     Args:
@@ -153,11 +180,7 @@ def _surprise(regimes: list[_Regime], reading: Reading) -> float | None:
     weights = np.array([[one.probability] for one in each])
     means, covariances = (np.stack([getattr(one, name) for one in each]) for name in ("mean", "covariance"))
     mean, covariance = mix(weights, means[:, None], covariances[:, None])
-    rotation, translation = (
-        np.average([getattr(one, name) for one in each], weights=weights[:, 0])
-        for name in ("rotation_variance", "translation_variance")
-    )
-    residual = (reading.rows * np.repeat([rotation, translation], 3)) @ reading.rows.T
+    residual = mean_residual(each).covariance(reading.rows, reading.camera_rows)
     expected = reading.jacobian @ covariance[0] @ reading.jacobian.T + residual + np.diag(reading.variances)
     innovation = reading.values - reading.jacobian @ mean[0]
     return float(innovation @ np.linalg.solve(expected, innovation)) / len(innovation)
@@ -201,8 +224,11 @@ def _update(regimes: list[_Regime], reading: Reading) -> None:
     means = np.stack([regime.means for regime in regimes])
     covariances = np.stack([regime.covariances for regime in regimes])
     across = covariances @ reading.jacobian.T
-    of_rotation, of_translation = (rows @ rows.T for rows in (reading.rows[:, :3], reading.rows[:, 3:]))
-    residual = _ROTATIONS[:, None, None] ** 2 * of_rotation + _TRANSLATIONS[:, None, None] ** 2 * of_translation
+    of_rotation, of_translation, about_camera = (
+        rows @ rows.T for rows in (reading.rows[:, :3], reading.rows[:, 3:], reading.camera_rows)
+    )
+    turned = np.where(_ABOUT_CAMERA[:, None, None], about_camera, of_rotation)
+    residual = _ROTATIONS[:, None, None] ** 2 * turned + _TRANSLATIONS[:, None, None] ** 2 * of_translation
     own = np.diag(reading.variances)
     noise = np.stack(
         [scale**2 * own for scale in assumptions.NOISE_SCALES]
@@ -248,11 +274,21 @@ def _summarise(regime: _Regime) -> Regime:
         probability=float(np.exp(regime.weight())),
         mean=mean[0],
         covariance=covariance[0],
-        rotation_variance=float(grid @ _ROTATIONS**2),
-        translation_variance=float(grid @ _TRANSLATIONS**2),
+        residual=ResidualVariances(
+            turn=float(grid @ np.where(_ABOUT_CAMERA, 0.0, _ROTATIONS**2)),
+            camera_turn=float(grid @ np.where(_ABOUT_CAMERA, _ROTATIONS**2, 0.0)),
+            shift=float(grid @ _TRANSLATIONS**2),
+        ),
         right=tuple(regime.right),
         pose=regime.pose if regime.fixed else None,
     )
+
+
+def mean_residual(regimes: Sequence[Regime]) -> ResidualVariances:
+    """By the regimes' probabilities."""
+    weights = [regime.probability for regime in regimes]
+    turn, camera_turn, shift = np.average([regime.residual for regime in regimes], axis=0, weights=weights)
+    return ResidualVariances(float(turn), float(camera_turn), float(shift))
 
 
 def mix(weights: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
