@@ -13,6 +13,7 @@ from helpers.chromium import Browser, find_barriers
 from helpers.fake_upstream import FakeUpstream
 from helpers.processes import Orchestrator
 from helpers.rest_sessions import opened, scanned
+from pretouch_orchestrator.report.page import render_page
 
 from pretouch.serving.tokens import make_token
 
@@ -226,6 +227,23 @@ def test_cameras_are_shown_where_the_orchestrator_has_them(page: Any) -> None:
     page.get_by_role("link", name="wrist").click()
     expect(page.locator("svg.chart")).to_contain_text("moved")
     expect(page.get_by_role("link", name="s4")).to_be_visible()
+
+
+def test_a_session_names_its_camera_and_the_report_draws_it(
+    page: Any, rest: httpx.Client, session: dict[str, Any], tmp_path: Path
+) -> None:
+    wrist = CAMERAS[1]
+    history = [*wrist["history"], {"session": session["id"], "at": 1.7e9 + 9, "error": 0.02, "expected_error": 0.01}]
+    camera = {key: wrist[key] for key in ("id", "sessions", "drift")} | {"history": history}
+    answering(page, "**/report?format=json", lambda found: found | {"camera": camera})
+    page.goto(f"/#/sessions/{session['id']}")
+    expect(page.get_by_role("link", name="wrist")).to_have_attribute("href", "#/cameras/wrist")
+    document = rest.get(f"/v1/sessions/{session['id']}/report", params={"format": "json"}).json()
+    report = tmp_path / "report.html"
+    report.write_text(render_page("x", "", [("x", document | {"camera": camera})]), encoding="utf-8")
+    page.goto(report.as_uri())
+    expect(page.locator("[data-view=camera] .own")).to_have_count(1)
+    expect(page.locator("[data-view=camera] svg")).to_contain_text("moved")
 
 
 def test_the_keyboard_is_enough(page: Any, session: dict[str, Any]) -> None:

@@ -118,6 +118,28 @@ async def test_every_client_is_told_the_same(client: Any, name: str, orchestrato
         assert raw[key] == told[key]
 
 
+async def test_a_sessions_report_shows_its_camera(orchestrator: Orchestrator, name: str) -> None:
+    async with (
+        AsyncRestClient(orchestrator.rest_url) as client,
+        httpx.AsyncClient(base_url=orchestrator.rest_url) as rest,
+    ):
+        _, ended = await converge(client, name)
+
+        async def report() -> tuple[dict[str, Any], str]:
+            path = f"/v1/sessions/{ended.id}/report"
+            document = (await rest.get(path, params={"format": "json"})).json()
+            return document, (await rest.get(path)).text
+
+        document, page = await report()
+        told = camera_to_json(await client.camera(name))
+        assert document["camera"] == {key: told[key] for key in ("id", "sessions", "drift", "history")}
+        assert "Known from 1 session; no sign that it was moved." in page
+        await client.forget_camera(name)
+        document, page = await report()
+        assert document["camera"] is None
+        assert "session by session" not in page
+
+
 async def test_rest_exports_the_pose_and_answers_head(orchestrator: Orchestrator, name: str) -> None:
     async with (
         AsyncRestClient(orchestrator.rest_url) as client,

@@ -21,8 +21,15 @@ from pretouch_orchestrator.sessions.loop import Loop
 from pretouch_orchestrator.sessions.record import Record
 from pretouch_orchestrator.store.protocol import NewEvent
 
+from pretouch.calibrated_camera import (
+    CalibratedCamera,
+    CalibrationDrift,
+    CalibrationResidual,
+    CameraSession,
+)
 from pretouch.camera import Camera, DepthImage
 from pretouch.exhaustion import Exhaustion
+from pretouch.geometry import Pose
 from pretouch.scene import Scene
 from pretouch.session import Budget, ScanSummary, State, Tolerance
 from pretouch.session_warning import SessionWarning
@@ -174,6 +181,33 @@ def test_the_policy_allows_the_pages_own_script_and_style_and_nothing_else() -> 
     assert "unsafe" not in policy
     assert not re.findall(r"<[^>]+\s(?:style|on\w+)=", page), "they would be refused"
     assert not re.findall(r"(?:src|href)=[\"'](?!data:)", page)
+
+
+@pytest.mark.parametrize(
+    ("state", "since", "words"),
+    [
+        ("steady", None, "Known from 2 sessions; no sign that it was moved."),
+        ("suspected", "s2", "Known from 2 sessions; session s2 contradicts those before it."),
+        ("moved", "s2", "Known from 2 sessions; it was moved before session s2"),
+    ],
+)
+def test_its_camera_is_shown_with_whether_it_was_moved(state: Any, since: str | None, words: str) -> None:
+    record, events = session()
+    history = tuple(CameraSession(f"s{k}", 60.0 * k, 0.01, 0.002) for k in (1, 2))
+    camera = CalibratedCamera(
+        "head",
+        2,
+        *[Pose.identity()] * 3,
+        np.eye(12),
+        CalibrationResidual(0.002, 0.007),
+        CalibrationDrift(state, since),
+        history=history,
+    )
+    document = build_document(record, events, camera)
+    assert [each["session"] for each in document["camera"]["history"]] == ["s1", "s2"]
+    page = render_page("x", "", [("x", document)])
+    assert "Camera head, session by session" in page
+    assert words in page
 
 
 def test_a_truth_beside_it_is_in_the_table() -> None:

@@ -1,5 +1,5 @@
 // Cameras that calibrate themselves: what was learned of each, and whether one was moved.
-import { frame, html, make } from "./views.js";
+import { html, showCameraHistory } from "./views.js";
 import { getPatiently, poll, Problem } from "./api.js";
 import { badge, factList, heading, makeTable, mm, setRows, showProblem } from "./wording.js";
 
@@ -56,29 +56,9 @@ export async function showCamera(root, { signal, name }) {
       ["Correction, base's side", describePose(camera.base_T_base)],
       ["Differs from session to session", describeResidual(camera.residual)],
     ]));
-    showHistory(chart, camera);
+    showCameraHistory(chart, camera);
     leftOut.replaceChildren(...(camera.left_out ?? []).map(({ session, reason }) => html("p", { class: "note" }, `Session ${session} does not count. ${reason}`)));
   }, (problem) => showProblem(message, problem));
-}
-
-/** The errors over the sessions, and a line where the camera was found to have moved. */
-function showHistory(place, { history, drift }) {
-  if (!history.length) {
-    place.replaceChildren(html("p", {}, "There is no session yet."));
-    return;
-  }
-  const errors = history.map((each) => 1000 * each.error), predicted = history.map((each) => 1000 * each.expected_error);
-  const xs = history.map((_, k) => ({ at: k + 1, text: String(k + 1) }));
-  const { svg, x, y } = frame(place, 0, 1.1 * Math.max(...errors, ...predicted), xs, "session", `Error before each session: ${errors.map((each) => each.toFixed(1)).join(", ")} mm.`);
-  svg.append(make("polyline", { class: "asked line", points: predicted.map((value, k) => `${x(k + 1)},${y(value)}`).join(" ") }));
-  svg.append(make("polyline", { class: "expected", points: errors.map((value, k) => `${x(k + 1)},${y(value)}`).join(" ") }));
-  errors.forEach((value, k) => svg.append(make("circle", { class: "dot", cx: x(k + 1), cy: y(value), r: 3.5 })));
-  const knocked = history.findIndex((each) => each.session === drift.since);
-  if (knocked >= 0) {
-    svg.append(make("line", { class: "alarm", x1: x(knocked + 1), x2: x(knocked + 1), y1: y(0), y2: 12 }));
-    svg.append(make("text", { x: x(knocked + 1) + 5, y: 24 }, `▲ ${drift.state}`));
-  }
-  place.replaceChildren(svg, html("p", { class: "note" }, "Solid: how far the camera misplaced the object's points, as each session found. Dashed: how much of that was expected to be left by what had been learned before it. A session that finds far more than was expected means that the camera was moved."));
 }
 
 function describePose({ translation, rotation: [x, y, z, w] }) {

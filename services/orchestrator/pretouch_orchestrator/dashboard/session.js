@@ -59,7 +59,7 @@ function oneAtATime(task) {
 }
 
 function makePage(name, path) {
-  const badge = html("span"), facts = html("div"), outcome = html("p", { class: "outcome" }), warnings = html("div");
+  const badge = html("span"), camera = html("span"), facts = html("div"), outcome = html("p", { class: "outcome" }), warnings = html("div");
   const buttons = html("span", { class: "controls" });
   const links = html("p", { class: "controls" },
     html("a", { href: `${path}/report`, target: "_blank" }, "Open the report"),
@@ -71,7 +71,7 @@ function makePage(name, path) {
   const request = html("pre", { tabindex: "0" }), made = html("summary");
   const view = (kind) => html("div", { "data-view": kind });
   const picture = html("div", { class: "picture", "data-view": "picture" }, image);
-  const head = html("div", {}, html("p", {}, html("a", { href: "#/sessions" }, "← Sessions")), heading(`Session ${name}`), html("p", {}, badge));
+  const head = html("div", {}, html("p", {}, html("a", { href: "#/sessions" }, "← Sessions")), heading(`Session ${name}`), html("p", {}, badge, camera));
   const body = html("div", {}, outcome, links, warnings,
     row(panel("What the camera saw, and where the finger went", picture, seen), panel("In numbers", facts, html("h2", {}, "Error over the session"), view("errors"))),
     panel("Before and after, in the robot's base frame", view("scene"), note("Drag or use the arrow keys to turn; pinch, Ctrl and wheel, or + and - to zoom; z is up.")),
@@ -84,6 +84,7 @@ function makePage(name, path) {
     const { near, far, data, window: [, , width, height] } = found.picture;
     body.hidden = false;
     badge.replaceChildren(stateBadge(found.state), `, opened ${age(Date.parse(found.created) / 1000, now)} ago`);
+    camera.replaceChildren(...(found.camera ? [", camera ", html("a", { href: `#/cameras/${encodeURIComponent(found.camera.id)}` }, found.camera.id)] : []));
     outcome.textContent = found.outcome;
     warnings.replaceChildren(...found.warnings.map(({ code, detail, remedy }) => html("div", { class: "warning" }, html("strong", {}, code), `: ${detail} ${remedy}`)));
     facts.replaceChildren(factList(found.facts));

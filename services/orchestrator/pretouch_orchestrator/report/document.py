@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pretouch import __version__
+from pretouch.calibrated_camera import CalibratedCamera
 from pretouch.geometry import Array, Pose, vector_from_rotation
 from pretouch.prior import AnyPrior
 from pretouch.session import ScanSummary
 from pretouch.tof import Scan
-from pretouch.wire.json import pose_from_json, request_to_json
+from pretouch.wire.json import camera_to_json, pose_from_json, request_to_json
 from pretouch_orchestrator.perception.believed_ranges import Surface
 from pretouch_orchestrator.report.outcome import (
     describe_correction,
@@ -45,11 +46,14 @@ _ELLIPSOID = float(np.sqrt(7.815))
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
-def build_document(record: Record, events: Iterable[NewEvent]) -> dict[str, Any]:
+def build_document(
+    record: Record, events: Iterable[NewEvent], camera: CalibratedCamera | None = None
+) -> dict[str, Any]:
     """The document of a session, in whatever state.
 
     Args:
         events: those of types `scan` and `estimate`, the oldest first; others are passed over.
+        camera: what is known by now of the camera that the request names.
     """
     origin = np.round(record.scene.centroid, 4)
     surface = _believe_surface(record)
@@ -77,8 +81,15 @@ def build_document(record: Record, events: Iterable[NewEvent]) -> dict[str, Any]
         "estimates": [_describe_estimate(estimate, origin) for estimate in list_estimates(record, events)],
         "scans": scans,
         "next_path": [] if plan is None else pack_points(_thin(plan.path.base_T_tip[:, :3, 3], share), origin),
+        "camera": None if camera is None else _describe_camera(camera),
         "request": request_to_json(replace(record.request, prior=record.prior)),
     }
+
+
+def _describe_camera(camera: CalibratedCamera) -> dict[str, Any]:
+    """Its errors over the sessions, and whether it was moved."""
+    document = camera_to_json(camera)
+    return {name: document[name] for name in ("id", "sessions", "drift", "history")}
 
 
 def _list_facts(record: Record) -> list[list[str]]:

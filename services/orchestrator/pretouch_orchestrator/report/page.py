@@ -105,11 +105,34 @@ def _render_section(heading: str, document: dict[str, Any]) -> str:
         f'<div class="panel"><h3>Scans</h3>{_render_scans(document)}</div>'
         '<div class="row"><div class="panel"><h3>Residuals by scan</h3><div data-view="residuals"></div></div>'
         f'<div class="panel"><h3>Regions, the proposer&#x27;s best first</h3>{_render_regions(document)}</div></div>'
+        f"{_render_camera(document['camera'])}"
         f'<details class="panel"><summary>To reproduce it: session {escape(document["id"])}, created '
         f"{escape(document['created'])}; report by pretouch {escape(document['version'])}</summary>"
         f"<pre>{request}</pre></details>"
         f'<script type="application/json">{_embed(document)}</script></section>'
     )
+
+
+def _render_camera(camera: dict[str, Any] | None) -> str:
+    if camera is None:
+        return ""
+    return (
+        f'<div class="panel"><h3>Camera {escape(camera["id"])}, session by session</h3>'
+        f"<p>{escape(_describe_drift(camera))}</p>"
+        '<div data-view="camera"></div></div>'
+    )
+
+
+def _describe_drift(camera: dict[str, Any]) -> str:
+    known = f"Known from {camera['sessions']} session{'' if camera['sessions'] == 1 else 's'}"
+    state, since = camera["drift"]["state"], camera["drift"]["since"]
+    match state:
+        case "moved":
+            return f"{known}; it was moved before session {since}, and what it taught before that is not used."
+        case "suspected":
+            return f"{known}; session {since} contradicts those before it."
+        case _:
+            return f"{known}; no sign that it was moved."
 
 
 def _render_scans(document: dict[str, Any]) -> str:

@@ -23,6 +23,7 @@ export function showViews(root, doc) {
   showScene(view("scene"), doc);
   showErrors(view("errors"), doc);
   showResiduals(view("residuals"), doc);
+  if (doc.camera && view("camera")) showCameraHistory(view("camera"), doc.camera, doc.id);
 }
 
 // The regions' outlines, and where each scan's beams ended, numbered in their order.
@@ -318,4 +319,27 @@ function showResiduals(place, doc) {
   place.replaceChildren(svg, html("p", { class: "note" },
     "How much farther the finger measured than the camera's points lie after the last correction: median, middle half, and 5 to 95 %. "
     + `Shaded: two standard deviations of one range. Boxes far outside it, or on one side, mean that the samples fit badly.`));
+}
+
+// A camera's errors over its sessions, and a line where it was found to have moved; the session `own` has a ring.
+export function showCameraHistory(place, { history, drift }, own) {
+  if (!history.length) {
+    place.replaceChildren(html("p", {}, "There is no session yet."));
+    return;
+  }
+  const errors = history.map((each) => 1000 * each.error), predicted = history.map((each) => 1000 * each.expected_error);
+  const xs = history.map((_, k) => ({ at: k + 1, text: String(k + 1) }));
+  const { svg, x, y } = frame(place, 0, 1.1 * Math.max(...errors, ...predicted), xs, "session", `Error before each session: ${errors.map((each) => each.toFixed(1)).join(", ")} mm.`);
+  svg.append(make("polyline", { class: "asked line", points: predicted.map((value, k) => `${x(k + 1)},${y(value)}`).join(" ") }));
+  svg.append(make("polyline", { class: "expected", points: errors.map((value, k) => `${x(k + 1)},${y(value)}`).join(" ") }));
+  errors.forEach((value, k) => svg.append(make("circle", { class: "dot", cx: x(k + 1), cy: y(value), r: 3.5 })));
+  const knocked = history.findIndex((each) => each.session === drift.since);
+  if (knocked >= 0) {
+    svg.append(make("line", { class: "alarm", x1: x(knocked + 1), x2: x(knocked + 1), y1: y(0), y2: 12 }));
+    svg.append(make("text", { x: x(knocked + 1) + 5, y: 24 }, `▲ ${drift.state}`));
+  }
+  const mine = history.findIndex((each) => each.session === own);
+  if (mine >= 0) svg.append(make("circle", { class: "own", cx: x(mine + 1), cy: y(errors[mine]), r: 7 }));
+  place.replaceChildren(svg, html("p", { class: "note" }, "Solid: how far the camera misplaced the object's points, as each session found. Dashed: how much of that was expected to be left by what had been learned before it. Where the solid line jumps by far more than the dashed one allows, the camera was moved."
+    + (mine >= 0 ? " Ringed: this session." : "")));
 }
