@@ -12,7 +12,7 @@ from prometheus_client import generate_latest
 from pretouch.serving import ServiceContext, Settings
 
 DASHBOARD = Path(__file__).parents[2] / "deploy" / "grafana" / "pretouch.json"
-FUNCTIONS = {"histogram_quantile", "sum", "rate", "by", "label_values"}
+FUNCTIONS = {"histogram_quantile", "sum", "rate", "increase", "by", "label_values"}
 
 
 def names(exposition: str) -> set[str]:
