@@ -6,10 +6,11 @@ import argparse
 import json
 from pathlib import Path
 
-from benchmarks import ray_casting, session_step, tell_latency
+from benchmarks import ray_casting, replay, session_step, tell_latency
 
 BENCHMARKS = {
     "ray_casting": ray_casting.measure,
+    "replay": replay.measure,
     "session_step": session_step.measure,
     "tell_latency": tell_latency.measure,
 }
