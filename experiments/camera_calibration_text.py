@@ -20,8 +20,8 @@ the next session. Two worlds say so: simulated campaigns without images or finge
 `assumptions.py` were chosen on simulated campaigns of the seeds 100 and 200, with 3 to 30 campaigns a world: few; when
 a knock is told, and how far predictions are widened, on others, named below. The two recordings below are no held-out
 test: the residual's covariance by direction was added after a look at them, and the widening was chosen on campaigns
-from them, of another seed. This page is written by the commands that it names; intervals are of 95 % (Clopper and Pearson), as if all sessions were independent:
-those of one campaign share a camera, so that they are wider in truth.
+from them, of another seed. This page is written by the commands that it names; intervals are of 95 % (Clopper and
+Pearson), as if all sessions were independent: those of one campaign share a camera, so that they are wider in truth.
 
 ![Coverage, width and knocks](camera-calibration.png)
 """
