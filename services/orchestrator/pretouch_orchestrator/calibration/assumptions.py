@@ -20,16 +20,18 @@ TRANSLATION_STDS: Array = np.array([0.0006, 0.0015, 0.003, 0.006, 0.015])
 ROTATION_STDS: Array = np.radians([0.15, 0.4, 0.8, 1.6, 4.0])
 """m and rad: what may differ from session to session, and how probable each is before the first session."""
 TRANSLATION_WEIGHTS: Array = np.array([0.2, 0.33, 0.32, 0.12, 0.03])
-ROTATION_WEIGHTS: Array = np.array([0.2, 0.33, 0.32, 0.12, 0.03])
+ROTATION_WEIGHTS: Array = np.array([0.05, 0.4, 0.38, 0.14, 0.03])
+"""Sessions that state their rotations too widely hide how much differs: small residuals must not be preferred."""
 
-ABOUT_CAMERA = 0.25
+ABOUT_CAMERA = 0.1
 """Chance that what differs from session to session turns about the camera's origin instead of the objects."""
 CAMERA_ROTATION_WEIGHTS: Array = np.array([0.5, 0.39, 0.1, 0.009, 0.001])
 """As `ROTATION_WEIGHTS`, for such cameras: the objects are a metre away."""
 
-NOISE_SCALES: Array = np.array([0.6, 1.0, 3.0])
-"""How wrong a session's stated standard deviations may be: too wide in the bulk, too narrow in the tail."""
-NOISE_WEIGHTS: Array = np.array([0.45, 0.45, 0.05])
+NOISE_SCALES: Array = np.array([1.0, 3.0])
+"""How wrong a session's stated standard deviations may be. None is taken to be better than it states, though most are:
+what is gained so would be taken from the residual, and predictions be too sure of rotations."""
+NOISE_WEIGHTS: Array = np.array([0.9, 0.05])
 WRONG_WEIGHT = 0.05
 WRONG = (Prior(translation_std=0.007, rotation_std=0.025), Prior(translation_std=0.02, rotation_std=0.08))
 """A session that is simply wrong, and how often that happens."""
