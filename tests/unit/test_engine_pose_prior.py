@@ -12,6 +12,7 @@ from helpers.registration_probe import TRUTH, line, session
 from hypothesis import given
 from hypothesis import strategies as st
 from pretouch_registrar.engines import Engine
+from pretouch_registrar.engines.covariance_inflation import inflate
 from pretouch_registrar.engines.prior import (
     FALL_OFF_SIGMAS,
     FLAT_COST_SHARE,
@@ -50,6 +51,11 @@ def widest(covariance: Array, bound: Array) -> float:
     """The largest variance in any direction, in units of the bound's there."""
     whiten = np.linalg.inv(np.linalg.cholesky(bound))
     return float(np.linalg.eigvalsh(whiten @ covariance @ whiten.T)[-1])
+
+
+def narrowest(covariance: Array, bound: Array) -> float:
+    """The least variance in any direction, in units of the bound's there."""
+    return 1 / widest(bound, covariance)
 
 
 def apart(a: Pose, b: Pose) -> float:
@@ -127,6 +133,23 @@ def test_a_camera_that_is_moved_and_a_mean_that_moves_it_back_change_nothing(mot
         for scene, each in ((SCENE, prior), (SCENE.moved(believed), moved))
     ]
     np.testing.assert_allclose(*predicted, rtol=0.1)
+
+
+@pytest.mark.parametrize("count", [1, 2, len(SCANS)])
+def test_samples_that_tell_nothing_beyond_a_prior_do_not_make_it_surer(count: int) -> None:
+    prior = PosePrior(TRUTH, np.diag(np.full(6, 1e-5) ** 2))
+    answer = register(prior, SCANS[:count])
+    assert narrowest(answer.covariance, prior.covariance) > 0.95
+
+
+@given(covariances, st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6), st.floats(0.3, 3.0))
+def test_a_factor_acts_on_what_samples_add_to_a_normal_prior(stated: Array, shares: list[float], factor: float) -> None:
+    prior = CorrectionPrior.of(PosePrior(Pose.identity(), stated))
+    left = (prior.root * np.array(shares)) @ prior.root.T
+    inflated = np.diag(prior.whiten @ inflate(left, factor, prior) @ prior.whiten.T)
+    for share, found in zip(shares, inflated, strict=True):
+        within = 1 if share == 1 else 1 / (1 + (1 / share - 1) / factor**2) if share else 0
+        assert found == pytest.approx(within if factor < 1 else factor**2 * share, rel=1e-4, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 
 from pretouch.geometry import Array
 from pretouch_registrar.engines.camera_model import CameraModel
-from pretouch_registrar.engines.covariance_inflation import compute_inflation
+from pretouch_registrar.engines.covariance_inflation import compute_inflation, inflate
 from pretouch_registrar.engines.inliers import classify_samples
 from pretouch_registrar.engines.laplace import compute_covariance
 from pretouch_registrar.engines.objective import assume_likeliest_hypothesis, compute_energies_in_parallel
@@ -70,10 +70,8 @@ def solve(problem: RegistrationProblem, model: CameraModel, resources: Resources
     modes = [_whiten_mode(mode, prior.whiten) for mode in [*found, _fit_broad_mode(xs)]]
     mean, covariance = importance.estimate_moments(lambda z: energy(z @ prior.root.T), modes)
     mean, covariance = _remove_free_turn(prior.root @ mean, problem), prior.root @ covariance @ prior.root.T
-    covariance = (
-        compute_inflation(mean, classify_samples(mean, problem), problem) ** 2 * covariance
-        + problem.systematic_covariance
-    )
+    inflation = compute_inflation(mean, classify_samples(mean, problem), problem)
+    covariance = inflate(covariance, inflation, prior) + problem.systematic_covariance
     likely = heights < level.min() + _MAX_ENERGY_NAMED
     shares = np.array([mode.share for mode in found])[likely]
     return Solution(mean, covariance, places[likely][1:], shares / shares.sum())
