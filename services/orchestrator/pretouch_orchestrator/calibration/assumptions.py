@@ -30,7 +30,7 @@ CAMERA_ROTATION_WEIGHTS: Array = np.array([0.5, 0.39, 0.1, 0.009, 0.001])
 
 NOISE_SCALES: Array = np.array([1.0, 3.0])
 """How wrong a session's stated standard deviations may be. None is taken to be better than it states, though many are:
-with that freedom predictions were too sure of rotations."""
+with that freedom predictions are too sure of rotations that all sessions state too widely."""
 NOISE_WEIGHTS: Array = np.array([0.9, 0.05])
 WRONG_WEIGHT = 0.05
 WRONG = (Prior(translation_std=0.007, rotation_std=0.025), Prior(translation_std=0.02, rotation_std=0.08))
